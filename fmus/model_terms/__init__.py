@@ -1,0 +1,1 @@
+"""Quadrotor physics, once: symbolic terms and the C code generated from them."""

@@ -1,0 +1,1 @@
+"""The FMI shell: port declarations, model descriptions, code generation and packing."""

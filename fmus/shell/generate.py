@@ -1,0 +1,63 @@
+"""Command of the build: everything that is generated for one component, and what it was generated from."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+import rotordx.fmus
+from rotordx.fmus.shell.header import component_source, ports_header
+from rotordx.fmus.shell.model_description import fmi2_description, fmi3_description, token
+
+
+def generate(name: str, version: str) -> dict[str, str | bytes]:
+    """Generated files of a component: file name -> contents."""
+    component = rotordx.fmus.load_component(name)
+    files: dict[str, str | bytes] = {
+        "fmi2.xml": fmi2_description(component, version),
+        "fmi3.xml": fmi3_description(component, version),
+    }
+    if name in rotordx.fmus.diagnoser_ids():
+        from rotordx.fmus.diagnosers import codegen
+
+        files |= codegen.step_source(name)
+        model, includes = codegen.model(name)
+    else:
+        model, includes = "Model", [f"fmus/{name}/{name}.hpp"]
+    files[f"{name}_ports.hpp"] = ports_header(component, accessors=model == "Model")
+    files[f"{name}_component.cpp"] = component_source(component, token(component, version), model, includes)
+    return files
+
+
+def write_if_changed(path: Path, contents: str | bytes) -> None:
+    """Leaves the date of an unchanged file alone, so that nothing is compiled again."""
+    contents = contents.encode() if isinstance(contents, str) else contents
+    if not path.is_file() or path.read_bytes() != contents:
+        path.write_bytes(contents)
+
+
+def sources() -> list[Path]:
+    """Source files that the present process has read: imported modules, and the data of the vehicles."""
+    root = Path(rotordx.fmus.__file__).parent
+    modules = {Path(m.__file__) for m in list(sys.modules.values()) if getattr(m, "__file__", None)}
+    data = {p for p in (root / "vehicles").rglob("*") if p.suffix in {".toml", ".json"}}
+    return sorted(p.resolve() for p in data | {m for m in modules if m.is_relative_to(root)})
+
+
+def main() -> None:
+    """Write the files of one component and a dependency file for the build tool."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("name")
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--version", required=True)
+    arguments = parser.parse_args()
+    arguments.folder.mkdir(parents=True, exist_ok=True)
+    for file, contents in generate(arguments.name, arguments.version).items():
+        write_if_changed(arguments.folder / file, contents)
+    dependencies = " ".join(str(path).replace(" ", "\\ ") for path in sources())
+    (arguments.folder / "generate.d").write_text(f"{arguments.folder}/fmi2.xml: {dependencies}\n")
+
+
+if __name__ == "__main__":
+    main()
