@@ -1,0 +1,1 @@
+"""One folder per diagnoser; each is discovered by its `step.py`."""
