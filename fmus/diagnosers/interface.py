@@ -86,12 +86,8 @@ def any_of(conditions: Vector) -> Scalar:
 
 def hold_filter(rate: Vector, dt: Scalar) -> tuple[Vector, Vector]:
     """(decay, gain) that advance x' = -rate x + u exactly over `dt` with u held: x+ = decay x + gain u, rate > 0."""
-    return exp(-rate * dt), -expm1(-rate * dt) / rate
-
-
-def first_order_lag(value: Vector, target: Vector, time_constant: Scalar, dt: Scalar) -> Vector:
-    """Value after `dt` of time_constant value' = target - value with `target` held (exact)."""
-    return target + exp(-dt / time_constant) * (value - target)
+    gain = -expm1(-rate * dt) / rate
+    return 1 - rate * gain, gain  # decay = exp(-rate dt), for one transcendental function instead of two
 
 
 def critically_damped_filter(

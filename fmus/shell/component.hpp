@@ -31,7 +31,7 @@ struct Component {
 
   std::size_t model_size;  ///< of a trivially copyable block that begins with the values
   void (*construct)(void* model, const double* values);
-  void (*initialise)(void* model, const double* start, double start_time);
+  void (*initialise)(void* model, double start_time);
   const char* (*parameter_error)(const void* model);  ///< nullptr or a sentence
   void (*advance)(void* model, double start_time, std::int64_t step, std::int64_t count, double step_size);
 };

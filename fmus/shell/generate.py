@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from importlib.resources import files
 from pathlib import Path
 
 import rotordx.fmus
@@ -38,11 +39,10 @@ def write_if_changed(path: Path, contents: str | bytes) -> None:
 
 
 def sources() -> list[Path]:
-    """Source files that the present process has read: imported modules, and the data of the vehicles."""
-    root = Path(rotordx.fmus.__file__).parent
-    modules = {Path(m.__file__) for m in list(sys.modules.values()) if getattr(m, "__file__", None)}
-    data = {p for p in (root / "vehicles").rglob("*") if p.suffix in {".toml", ".json"}}
-    return sorted(p.resolve() for p in data | {m for m in modules if m.is_relative_to(root)})
+    """Modules of rotordx that the present process has imported."""
+    root = Path(str(files("rotordx.fmus")))
+    modules = {Path(str(getattr(module, "__file__", ""))) for module in list(sys.modules.values())}
+    return sorted(path.resolve() for path in modules if path.is_relative_to(root))
 
 
 def main() -> None:

@@ -44,11 +44,6 @@ def component_source(component: Component, token: str, model: str, includes: lis
         includes: headers that declare it.
     """
     variables = list(component.variables())
-    rows = [
-        f'    {{"{p.name}", {offset}, {p.size}, {_flag(p.shape is not None)}, {_flag(bool(p.choices))}, '
-        f"{_bound(p.minimum, '-INFINITY')}, {_bound(p.maximum, 'INFINITY')}}},"
-        for offset, _, p in map(_enumeration_range, variables)
-    ]
     index = [str(i) for i, (_, _, p) in enumerate(variables) for _ in range(p.size)]
     start = [_literal(value) for _, _, p in variables for value in p.start]
     return "\n".join(
@@ -59,7 +54,7 @@ def component_source(component: Component, token: str, model: str, includes: lis
             '#include "fmus/shell/model_adapter.hpp"\n',
             "namespace rotordx {\nnamespace {\n",
             "constexpr Variable kVariables[] = {",
-            *rows,
+            *[_row(offset, p) for offset, _, p in variables],
             "};\n",
             f"constexpr std::uint16_t kVariableOf[] = {{{', '.join(index)}}};\n",
             f"constexpr double kStart[] = {{{', '.join(start)}}};\n",
@@ -107,12 +102,12 @@ def _parameter_blocks(component: Component) -> list[str]:
     return lines
 
 
-def _enumeration_range(variable: tuple[int, str, Port]) -> tuple[int, str, Port]:
-    """An enumeration ranges over its choices."""
-    from dataclasses import replace
-
-    offset, causality, p = variable
-    return (offset, causality, replace(p, minimum=0, maximum=len(p.choices) - 1)) if p.choices else variable
+def _row(offset: int, p: Port) -> str:
+    """A port as the shell's table has it; an enumeration ranges over its choices."""
+    low, high = (0.0, len(p.choices) - 1.0) if p.choices else (p.minimum, p.maximum)
+    shape = f"{_flag(p.shape is not None)}, {_flag(bool(p.choices))}"
+    bounds = f"{_bound(low, '-INFINITY')}, {_bound(high, 'INFINITY')}"
+    return f'    {{"{p.name}", {offset}, {p.size}, {shape}, {bounds}}},'
 
 
 def _camel(name: str) -> str:

@@ -115,7 +115,7 @@ bool enter_initialisation(Instance& instance) {
 bool settle(Instance& instance) {
   if (instance.clock.initialised) return true;
   if (const char* error = component.parameter_error(instance.model())) return fail(instance, "%s", error);
-  component.initialise(instance.model(), component.start, instance.clock.start_time);
+  component.initialise(instance.model(), instance.clock.start_time);
   instance.clock.initialised = 1;
   return true;
 }

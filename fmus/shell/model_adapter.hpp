@@ -27,10 +27,8 @@ struct ModelAdapter {
   }
 
   /// Initialisation may be repeated while inputs and parameters still change: it always begins with a new model.
-  static void initialise(void* memory, const double* start, double start_time) {
-    Ports ports = static_cast<Model*>(memory)->ports;
-    std::memcpy(ports.value + Ports::kOutputs, start + Ports::kOutputs,
-                (Ports::kCount - Ports::kOutputs) * sizeof(double));
+  static void initialise(void* memory, double start_time) {
+    const Ports ports = static_cast<Model*>(memory)->ports;
     construct(memory, ports.value);
     static_cast<Model*>(memory)->initialise(start_time);
   }

@@ -5,11 +5,11 @@ from __future__ import annotations
 import hashlib
 import re
 import uuid
-from collections.abc import Iterable
+from collections.abc import Iterator
 from dataclasses import astuple
 from xml.etree import ElementTree as ET
 
-from rotordx.fmus.shell.ports import Component, Port
+from rotordx.fmus.shell.ports import STEP_SIZE, Component, Port
 
 #: Exponents of the SI base units (and rad) in the units that port declarations use.
 _UNITS = {
@@ -30,6 +30,7 @@ _UNITS = {
     "V": {"kg": 1, "m": 2, "s": -3, "A": -1},
 }
 
+#: Default duration of an importer's simulation [s]; nothing depends on it.
 _STOP_TIME = "1"
 
 
@@ -58,128 +59,84 @@ def base_unit(unit: str) -> dict[str, int] | None:
 
 def token(component: Component, version: str) -> str:
     """GUID of a component: a hash of its declarations and the version, the same in every build."""
-    table = [version, component.name, component.description]
-    table += [astuple(p) for group in component.groups() for p in group[2]]
-    table += [component.tunable_parameters, component.initial_outputs_from_inputs, component.constant_initial_outputs]
-    digest = hashlib.sha256(repr(table).encode()).digest()
+    ports = [(offset, causality, astuple(p)) for offset, causality, p in component.variables()]
+    flags = [component.tunable_parameters, component.initial_outputs_from_inputs, component.constant_initial_outputs]
+    digest = hashlib.sha256(repr((version, component.name, component.description, ports, flags)).encode()).digest()
     return f"{{{uuid.UUID(bytes=digest[:16])}}}"
 
 
 def fmi2_description(component: Component, version: str) -> bytes:
     """FMI 2.0: every element is a scalar variable; unknowns and dependencies are 1-based indices."""
-    root = _root(component, version, fmiVersion="2.0", guid=token(component, version))
-    ET.SubElement(
-        root,
-        "CoSimulation",
-        modelIdentifier=component.name,
-        canHandleVariableCommunicationStepSize="true",
-        canGetAndSetFMUstate="true",
-        canSerializeFMUstate="true",
-        canBeInstantiatedOnlyOncePerProcess="false",
-        canNotUseMemoryManagementFunctions="true",
-    )
+    root = _root(component, version, {"fmiVersion": "2.0", "guid": token(component, version)})
+    capabilities = ("canGetAndSetFMUstate", "canSerializeFMUstate", "canNotUseMemoryManagementFunctions")
+    _co_simulation(root, component, capabilities)
     _units(root, component)
-    for _, p, types in _enumerations(root, component):
-        enumeration = ET.SubElement(ET.SubElement(types, "SimpleType", name=_type_name(p)), "Enumeration")
-        _items(enumeration, p)
+    for p, types in _enumerations(root, component):
+        _items(ET.SubElement(ET.SubElement(types, "SimpleType", name=_type_name(p)), "Enumeration"), p)
     _log_categories(root)
     _default_experiment(root)
     variables = ET.SubElement(root, "ModelVariables")
     for offset, causality, p in component.variables():
         for i, name in enumerate(p.element_names()):
-            scalar = ET.SubElement(
-                variables,
-                "ScalarVariable",
-                name=name,
-                valueReference=str(offset + i),
-                description=p.description,
-                **_causality(component, causality, p),
-            )
-            if p.choices:
-                ET.SubElement(scalar, "Enumeration", declaredType=_type_name(p), start=str(int(p.start[i])))
-            else:
-                start = {} if causality == "output" else {"start": repr(p.start[i])}
-                ET.SubElement(scalar, "Real", unit=p.unit, **_range(p), **start)
-    references = [(offset + i, causality) for offset, causality, p in component.variables() for i in range(p.size)]
+            variable = {"name": name, "valueReference": str(offset + i)} | _variable(component, causality, p)
+            scalar = ET.SubElement(variables, "ScalarVariable", variable)
+            ET.SubElement(scalar, "Enumeration" if p.choices else "Real", _value(causality, p, p.start[i : i + 1]))
+    indices = [(str(offset + i + 1), c) for offset, c, p in component.variables() for i in range(p.size)]
+    knowns = _initial_dependencies(component, indices)
     structure = ET.SubElement(root, "ModelStructure")
-    outputs = ET.SubElement(structure, "Outputs")
-    initial = ET.SubElement(structure, "InitialUnknowns")
-    knowns = _initial_dependencies(component, ((reference + 1, causality) for reference, causality in references))
-    for reference, causality in references:
-        if causality == "output":
-            ET.SubElement(outputs, "Unknown", index=str(reference + 1), dependencies="")
-            ET.SubElement(initial, "Unknown", index=str(reference + 1), dependencies=knowns)
+    for element, dependencies in (("Outputs", ""), ("InitialUnknowns", knowns)):
+        unknowns = ET.SubElement(structure, element)
+        for index, causality in indices:
+            if causality == "output":
+                ET.SubElement(unknowns, "Unknown", index=index, dependencies=dependencies)
     return _document(root)
 
 
 def fmi3_description(component: Component, version: str) -> bytes:
     """FMI 3.0: ports with several elements are arrays; unknowns and dependencies are value references."""
-    root = _root(component, version, fmiVersion="3.0", instantiationToken=token(component, version))
-    ET.SubElement(
-        root,
-        "CoSimulation",
-        modelIdentifier=component.name,
-        canHandleVariableCommunicationStepSize="true",
-        canGetAndSetFMUState="true",
-        canSerializeFMUState="true",
-        canBeInstantiatedOnlyOncePerProcess="false",
-        hasEventMode="false",
-    )
+    root = _root(component, version, {"fmiVersion": "3.0", "instantiationToken": token(component, version)})
+    _co_simulation(root, component, ("canGetAndSetFMUState", "canSerializeFMUState"))
     _units(root, component)
-    for _, p, types in _enumerations(root, component):
+    for p, types in _enumerations(root, component):
         _items(ET.SubElement(types, "EnumerationType", name=_type_name(p)), p)
     _log_categories(root)
     _default_experiment(root)
     variables = ET.SubElement(root, "ModelVariables")
-    count = 0
     for offset, causality, p in component.variables():
-        attributes = {
-            "name": p.name,
-            "valueReference": str(offset),
-            "description": p.description,
-            **_causality(component, causality, p),
-        }
-        if p.choices:
-            attributes |= {"declaredType": _type_name(p), "start": str(int(p.start[0]))}
-        else:
-            attributes |= {"unit": p.unit, **_range(p)}
-            if causality != "output":
-                attributes["start"] = " ".join(map(repr, p.start))
+        attributes = {"name": p.name, "valueReference": str(offset)} | _variable(component, causality, p)
+        attributes |= _value(causality, p, p.start)
         variable = ET.SubElement(variables, "Enumeration" if p.choices else "Float64", attributes)
         if p.shape is not None:
             ET.SubElement(variable, "Dimension", start=str(p.shape))
-        count = offset + p.size
-    ET.SubElement(
-        variables,
-        "Float64",
-        name="time",
-        valueReference=str(count),
-        description="simulation time",
-        causality="independent",
-        variability="continuous",
-        unit="s",
-    )
+    time = {"name": "time", "valueReference": str(sum(p.size for _, _, p in component.variables()))}
+    time |= {"description": "simulation time", "causality": "independent", "variability": "continuous", "unit": "s"}
+    ET.SubElement(variables, "Float64", time)
+    references = [(str(offset), causality) for offset, causality, _ in component.variables()]
+    knowns = _initial_dependencies(component, references)
     structure = ET.SubElement(root, "ModelStructure")
-    knowns = _initial_dependencies(component, ((offset, causality) for offset, causality, _ in component.variables()))
-    outputs = [str(offset) for offset, causality, _ in component.variables() if causality == "output"]
-    for reference in outputs:
-        ET.SubElement(structure, "Output", valueReference=reference, dependencies="")
-    for reference in outputs:
-        ET.SubElement(structure, "InitialUnknown", valueReference=reference, dependencies=knowns)
+    for element, dependencies in (("Output", ""), ("InitialUnknown", knowns)):
+        for reference, causality in references:
+            if causality == "output":
+                ET.SubElement(structure, element, valueReference=reference, dependencies=dependencies)
     return _document(root)
 
 
-def _root(component: Component, version: str, **attributes: str) -> ET.Element:
-    return ET.Element(
-        "fmiModelDescription",
-        modelName=component.name,
-        description=component.description,
-        version=version,
-        license="BSD-3-Clause",
-        generationTool=f"rotordx {version}",
-        variableNamingConvention="structured",
-        **attributes,
-    )
+def _root(component: Component, version: str, attributes: dict[str, str]) -> ET.Element:
+    common = {
+        "modelName": component.name,
+        "description": component.description,
+        "version": version,
+        "license": "BSD-3-Clause",
+        "generationTool": f"rotordx {version}",
+        "variableNamingConvention": "structured",
+    }
+    return ET.Element("fmiModelDescription", attributes | common)
+
+
+def _co_simulation(root: ET.Element, component: Component, capabilities: tuple[str, ...]) -> None:
+    attributes = {"modelIdentifier": component.name, "canBeInstantiatedOnlyOncePerProcess": "false"}
+    attributes |= dict.fromkeys(("canHandleVariableCommunicationStepSize", *capabilities), "true")
+    ET.SubElement(root, "CoSimulation", attributes)
 
 
 def _units(root: ET.Element, component: Component) -> None:
@@ -194,13 +151,13 @@ def _units(root: ET.Element, component: Component) -> None:
             ET.SubElement(element, "BaseUnit", {name: str(exponent) for name, exponent in exponents.items()})
 
 
-def _enumerations(root: ET.Element, component: Component) -> Iterable[tuple[int, Port, ET.Element]]:
-    """(offset, port, TypeDefinitions) of every port with choices; the element exists only if there is one."""
+def _enumerations(root: ET.Element, component: Component) -> Iterator[tuple[Port, ET.Element]]:
+    """(port, TypeDefinitions) of every port with choices; the element exists only if there is one."""
     types = None
-    for offset, _, p in component.variables():
+    for _, _, p in component.variables():
         if p.choices:
             types = ET.SubElement(root, "TypeDefinitions") if types is None else types
-            yield offset, p, types
+            yield p, types
 
 
 def _items(element: ET.Element, p: Port) -> None:
@@ -219,33 +176,37 @@ def _log_categories(root: ET.Element) -> None:
 
 
 def _default_experiment(root: ET.Element) -> None:
-    from rotordx.fmus.shell.ports import STEP_SIZE
-
     ET.SubElement(root, "DefaultExperiment", startTime="0", stopTime=_STOP_TIME, stepSize=repr(STEP_SIZE.start[0]))
 
 
-def _causality(component: Component, causality: str, p: Port) -> dict[str, str]:
+def _variable(component: Component, causality: str, p: Port) -> dict[str, str]:
+    attributes = {"description": p.description, "causality": causality, "variability": "continuous"}
     if causality == "parameter":
-        tunable = component.tunable_parameters and p.name != "step_size"
-        return {"causality": causality, "variability": "tunable" if tunable else "fixed", "initial": "exact"}
+        tunable = component.tunable_parameters and p.name != STEP_SIZE.name
+        attributes |= {"variability": "tunable" if tunable else "fixed", "initial": "exact"}
     if causality == "output":
-        return {"causality": causality, "variability": "continuous", "initial": "calculated"}
-    return {"causality": causality, "variability": "continuous"}
+        attributes["initial"] = "calculated"
+    return attributes
 
 
-def _range(p: Port) -> dict[str, str]:
-    bounds = {"min": p.minimum, "max": p.maximum}
-    return {name: repr(float(value)) for name, value in bounds.items() if value is not None}
+def _value(causality: str, p: Port, start: tuple[float, ...]) -> dict[str, str]:
+    """Type, range and start value; outputs are calculated, so that they have none."""
+    if p.choices:
+        return {"declaredType": _type_name(p), "start": str(int(start[0]))}
+    attributes = {"unit": p.unit}
+    attributes |= {k: repr(float(v)) for k, v in (("min", p.minimum), ("max", p.maximum)) if v is not None}
+    return attributes if causality == "output" else attributes | {"start": " ".join(map(repr, start))}
 
 
-def _initial_dependencies(component: Component, references: Iterable[tuple[int, str]]) -> str:
-    """What the outputs depend on in initialisation mode, as a list of references."""
+def _initial_dependencies(component: Component, references: list[tuple[str, str]]) -> str:
+    """Out of (reference, causality) those that the outputs depend on in initialisation mode."""
     if component.constant_initial_outputs:
         return ""
     causalities = {"parameter", "input"} if component.initial_outputs_from_inputs else {"parameter"}
-    return " ".join(str(reference) for reference, causality in references if causality in causalities)
+    return " ".join(reference for reference, causality in references if causality in causalities)
 
 
 def _document(root: ET.Element) -> bytes:
     ET.indent(root)
-    return ET.tostring(root, encoding="utf-8", xml_declaration=True) + b"\n"
+    text: bytes = ET.tostring(root, encoding="utf-8", xml_declaration=True)
+    return text + b"\n"

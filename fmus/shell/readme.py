@@ -8,6 +8,7 @@ from __future__ import annotations
 import argparse
 import math
 import sys
+from importlib.resources import files
 from pathlib import Path
 
 import rotordx.fmus
@@ -49,7 +50,7 @@ def updated(text: str, component: Component) -> str:
 
 def readme_path(name: str) -> Path:
     """README.md of a component or diagnoser in the source tree."""
-    root = Path(rotordx.fmus.__file__).parent
+    root = Path(str(files("rotordx.fmus")))
     return (root / "diagnosers" if name in rotordx.fmus.diagnoser_ids() else root) / name / "README.md"
 
 

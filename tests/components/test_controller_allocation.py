@@ -58,14 +58,18 @@ def share_of(achieved, demanded):
 
 
 @pytest.mark.parametrize("vehicle", ["lab_x", "crazyflie"])
-@settings(max_examples=150, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(
+    max_examples=150, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
 @given(frame=frames, sample=samples)
 def test_demands_are_met_or_cut_in_order(component, vehicle, frame, sample):
     parameters = shaped(vehicle, frame)
     controller = component("controller", vehicle=vehicle, **parameters).initialise()
     controller.step(**sample)
     values = load_vehicle(vehicle).parameters | parameters
-    allocation = np.array(allocation_rows(VehicleParameters(**{n: values[n] for n in VehicleParameters.__annotations__})))
+    allocation = np.array(
+        allocation_rows(VehicleParameters(**{n: values[n] for n in VehicleParameters.__annotations__}))
+    )
     speed_range = np.array([values["rotor_speed_min"], values["rotor_speed_max"]])
     least, most = speed_range**2
     tolerance = ROUNDING * most
@@ -76,7 +80,11 @@ def test_demands_are_met_or_cut_in_order(component, vehicle, frame, sample):
 
     inverse = np.linalg.inv(allocation)
     thrust, torque = controller["thrust_command"][0], controller["torque_command"]
-    wanted = {"thrust": inverse[:, 0] * thrust, "roll_pitch": inverse[:, 1:3] @ torque[:2], "yaw": inverse[:, 3] * torque[2]}
+    wanted = {
+        "thrust": inverse[:, 0] * thrust,
+        "roll_pitch": inverse[:, 1:3] @ torque[:2],
+        "yaw": inverse[:, 3] * torque[2],
+    }
     if (np.clip(wanted["thrust"], least, most) != wanted["thrust"]).any():
         return  # thrust alone is beyond the limits: nothing more is promised
     achieved = allocation @ squared_speed

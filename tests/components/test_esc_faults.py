@@ -1,5 +1,7 @@
 """The ESC weakens a rotor exactly as its fault slots say, and its motors lag exactly."""
 
+from decimal import Decimal
+
 import numpy as np
 import pytest
 from fmpy.fmi1 import FMICallException
@@ -69,12 +71,15 @@ def test_eight_slots_combine_to_their_closed_form(component, seed):
     np.testing.assert_allclose(flown, 1 - expected, atol=1e-8)
 
 
-@pytest.mark.parametrize("onset_step", [1, 333, 777, 12000])
-def test_an_abrupt_fault_acts_from_the_very_step_of_its_onset(component, onset_step):
-    start = (onset_step - 1) * STEP
-    esc = component("esc", **slots({"rotor": 2, "onset": onset_step * STEP, "magnitude": 0.2})).initialise(start)
-    loss = esc.run(2)["loss_of_effectiveness"]
-    np.testing.assert_allclose(loss[1:], [[0, 0, 0, 0], [0, 0.2, 0, 0]], atol=1e-15)
+@pytest.mark.parametrize(("step", "onset_steps"), [(0.002, [1, 333, 777]), (0.0003, [5, 9, 10, 11, 17])])
+def test_an_abrupt_fault_acts_from_the_very_step_of_its_onset(component, step, onset_steps):
+    """Also where k * step falls short of the onset by rounding, as most multiples of 0.0003 do."""
+    for onset_step in onset_steps:
+        onset = float(onset_step * Decimal(str(step)))
+        esc = component("esc", step_size=step, **slots({"rotor": 2, "onset": onset, "magnitude": 0.2})).initialise()
+        loss = esc.run(onset_step + 2)["loss_of_effectiveness"][1:, 1]
+        np.testing.assert_array_equal(np.flatnonzero(loss), [onset_step, onset_step + 1])
+        assert loss[-1] == pytest.approx(0.2, rel=1e-15)
 
 
 def test_thrust_is_lost_in_proportion_to_the_loss(component):
@@ -124,7 +129,6 @@ def test_motors_start_at_the_commanded_speed(component):
 )
 def test_impossible_parameters_are_refused_in_a_sentence(component, parameters, message):
     esc = component("esc")
-    with pytest.raises(FMICallException):
-        esc.set(**parameters)
-        esc.initialise()
+    with pytest.raises(FMICallException):  # at once, or where parameters are seen together
+        esc.initialise(**parameters)
     assert message in " ".join(esc.messages)

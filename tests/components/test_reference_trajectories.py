@@ -65,6 +65,12 @@ def test_the_circle_is_that_of_the_benchmark_even_after_an_hour(component):
     assert not outputs["attitude_mode"].any()
 
 
+def test_the_ellipse_has_its_semi_axes(component):
+    t = STEP * np.arange(2001)
+    expected = np.column_stack([1.5 * np.cos(-1.1 * t), 0.7 * np.sin(-1.1 * t), np.full(2001, -1.5)])
+    np.testing.assert_allclose(flown(component, "ellipse", 4.0)["position_reference"], expected, atol=1e-12)
+
+
 def test_sines_have_their_amplitude_about_the_hover_point(component):
     t = STEP * np.arange(2001)
     vertical = flown(component, "vertical_sine", 4.0)
@@ -92,7 +98,9 @@ def test_way_points_are_visited_within_the_limits(component):
 
     resting = speed + np.abs(outputs["yaw_rate_reference"][:, 0]) == 0
     visits = [
-        np.flatnonzero(resting & (outputs["position_reference"] == point).all(axis=1) & (outputs["euler_reference"][:, 2] == angle))
+        np.flatnonzero(
+            resting & (outputs["position_reference"] == point).all(axis=1) & (outputs["euler_reference"][:, 2] == angle)
+        )
         for point, angle in zip(points, yaw, strict=True)
     ]
     for visit in visits:
@@ -102,8 +110,11 @@ def test_way_points_are_visited_within_the_limits(component):
 
 
 def test_coinciding_way_points_take_no_time(component):
-    outputs = component("reference", trajectory="waypoints", waypoint_x=[1.0] * 16, waypoint_y=[2.0] * 16,
-                        waypoint_hold=0.0).initialise().run(10)
+    outputs = (
+        component("reference", trajectory="waypoints", waypoint_x=[1.0] * 16, waypoint_y=[2.0] * 16, waypoint_hold=0.0)
+        .initialise()
+        .run(10)
+    )
     np.testing.assert_array_equal(outputs["position_reference"], np.tile([1, 2, -1.5], (11, 1)))
 
 

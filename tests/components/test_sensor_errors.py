@@ -58,11 +58,11 @@ def test_captures_come_at_their_rate_and_latency(component, period, latency):
         np.testing.assert_allclose(outputs[output][arrived >= 0], inputs[truth][arrived[arrived >= 0]])
 
 
-def test_a_period_off_the_grid_is_rounded_to_it(component):
-    position = component("sensors", **QUIET, motion_capture_period=0.0071).initialise().run(
-        40, true_position=np.outer(np.arange(1, 41), np.ones(3))
-    )["position"]
-    np.testing.assert_array_equal(np.flatnonzero(np.diff(position[:, 0])) + 1, np.arange(4, 41, 4))
+def test_period_and_latency_off_the_grid_are_rounded_to_it(component):
+    sensors = component("sensors", **QUIET, motion_capture_period=0.0071, motion_capture_latency=0.0071)
+    position = sensors.initialise().run(40, true_position=np.outer(np.arange(1, 41), np.ones(3)))["position"][:, 0]
+    k = np.arange(41)
+    np.testing.assert_array_equal(position, np.maximum(k - 4, 0) // 4 * 4)
 
 
 def test_a_latency_beyond_the_buffer_is_refused(component):
@@ -84,9 +84,11 @@ def test_velocity_is_filter_33_of_the_captured_position(component):
 
 
 def test_a_jump_of_the_position_shows_the_impulse_response_of_f(component):
-    velocity = component("sensors", **QUIET, motion_capture_period=STEP).initialise().run(
-        300, true_position=np.ones((300, 3))
-    )["velocity"]
+    velocity = (
+        component("sensors", **QUIET, motion_capture_period=STEP)
+        .initialise()
+        .run(300, true_position=np.ones((300, 3)))["velocity"]
+    )
     time = STEP * np.arange(300)
     impulse_response = BANDWIDTH**2 * time * np.exp(-BANDWIDTH * time)
     np.testing.assert_allclose(velocity[1:], np.tile(impulse_response[:, None], 3), atol=1e-12)

@@ -13,10 +13,13 @@ from dataclasses import dataclass
 
 from casadi import fabs, if_else, sqrt, sum2, vertcat
 
-from rotordx.fmus.diagnosers.interface import Clock, Command, Measured, critically_damped_filter, first_order_lag
-from rotordx.fmus.model_terms.terms import fault_signatures, rate_dynamics
+from rotordx.fmus.diagnosers.interface import Clock, Command, Measured, critically_damped_filter
+from rotordx.fmus.model_terms.terms import fault_signatures, motor_lag, rate_dynamics
 from rotordx.fmus.shell.ports import Scalar, Vector, port, ports
 from rotordx.fmus.vehicles.parameters import VehicleParameters
+
+#: rad/s, where the remembered speed ends: nothing beside a rotor's speed, but no denormal numbers, which are slow
+FORGOTTEN_SPEED = 1e-3
 
 
 @ports
@@ -74,18 +77,18 @@ def known_model(
         detected: 1 if a fault was detected before this step.
 
     The means over the step are those of its two ends: held at the start of the step, f would be half a step late, an
-    equivalent uncertainty of |df/dt| dt / 2.
+    equivalent uncertainty of |df/dt| dt / 2. Euler angles are held between captures anyway.
     """
     dt = clock.dt
     zeta = vertcat(measured.vertical_velocity, measured.body_rate)
     zeta_before = if_else(started, state.zeta, zeta)
     mean_zeta = (zeta_before + zeta) / 2
 
-    speed_before = if_else(started, state.rotor_speed, command.rotor_speed_command)
-    remembered_before = if_else(started, state.remembered_speed, command.rotor_speed_command)
-    lag = vehicle.motor_time_constant
-    speed = first_order_lag(speed_before, command.rotor_speed_command, lag, dt)
-    fading = first_order_lag(remembered_before, 0, parameters.motor_lag_margin * lag, dt)
+    target_speed = command.rotor_speed_command
+    speed_before = if_else(started, state.rotor_speed, target_speed)
+    remembered_before = if_else(started, state.remembered_speed, target_speed)
+    speed = motor_lag(speed_before, target_speed, dt, vehicle)
+    fading = motor_lag(remembered_before, FORGOTTEN_SPEED, dt / parameters.motor_lag_margin, vehicle)
     remembered_speed = if_else(detected, fading, speed)
     mean_speed = (speed_before + speed) / 2
     mean_remembered = (remembered_before + remembered_speed) / 2
@@ -93,12 +96,11 @@ def known_model(
     still = vertcat(0, mean_zeta[1:])
     nominal = rate_dynamics(still, measured.euler, mean_speed, vehicle) + parameters.offset
     signatures = fault_signatures(measured.euler, mean_speed, vehicle)
-    # A loss that began before detection acts on alpha Omega + (1 - alpha) Omega_remembered: short of the full signature
-    # by at most loss * h(sqrt(Omega Omega_remembered)).
+    # A loss that began before detection turns a rotor at alpha Omega + (1 - alpha) Omega_old, Omega_old <= the speed
+    # remembered: the signature is short of full by at most loss h(sqrt(Omega Omega_remembered)).
     remembered = fault_signatures(measured.euler, sqrt(mean_speed * mean_remembered), vehicle)
-    bound = _bound(
-        signatures, fault_signatures(measured.euler, command.rotor_speed_command, vehicle), parameters, vehicle
-    )
+    unlagged = fault_signatures(measured.euler, target_speed, vehicle)
+    bound = _bound(signatures, unlagged, parameters, vehicle)
 
     target = vertcat(nominal[0], bound[0], signatures[0, :].T, remembered[0, :].T)
     before = if_else(started, state.vertical_filter, target)

@@ -67,14 +67,14 @@ def advance_set(
     remembered = decay * reshape(state.set_remembered, 4, 4) + gain * model.remembered
 
     least, most = allowed_loss(residual, bound + noise_floor, signature, remembered)
-    lower = fmax(state.set_lower, reduce(fmax, vertsplit(least)).T)
-    upper = fmin(state.set_upper, reduce(fmin, vertsplit(most)).T)
+    lower = fmax(state.set_lower, if_else(state.set_excluded, -inf, reduce(fmax, vertsplit(least)).T))
+    upper = fmin(state.set_upper, if_else(state.set_excluded, inf, reduce(fmin, vertsplit(most)).T))
     excluded = latch(state.set_excluded, lower > upper)
 
-    expected = (signature - remembered / 2) / repmat(bound + noise_floor + NEGLIGIBLE, 1, 4)
-    found = residual / (bound + noise_floor + NEGLIGIBLE)
+    weight = 1 / (bound + noise_floor + NEGLIGIBLE)
+    expected = (signature - remembered / 2) * repmat(weight, 1, 4)
     forget = exp(-dt / parameters.estimate_memory_time)
-    evidence = forget * state.set_evidence + expected.T @ found
+    evidence = forget * state.set_evidence + expected.T @ (residual * weight)
     information = forget * state.set_information + sum1(expected**2).T
     return SetState(residual, bound, vec(signature), vec(remembered), lower, upper, excluded, evidence, information)
 

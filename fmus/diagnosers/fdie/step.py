@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from math import nan
 
-from casadi import dot, horzcat, if_else, repmat
+from casadi import horzcat, if_else, repmat, sum1
 
 from rotordx.fmus.diagnosers.fdie.detection import DetectionParameters, DetectionState, advance_detection
 from rotordx.fmus.diagnosers.fdie.isolation import (
@@ -61,7 +61,7 @@ class Outputs(DiagnosisOutputs):
     set_excluded: Vector = port("1", "rotors excluded by set membership (latched)", start=(0,) * 4)
     set_rotor: Scalar = port("1", "as faulty_rotor, by set membership")
     set_isolation_time: Scalar = port("s", "as isolation_time, by set membership", start=nan)
-    fie_loe_estimate: Vector = port("1", "theta_hat_s of (27), each estimator's own", start=(0,) * 4)
+    fie_loe_estimate: Vector = port("1", "theta_hat_s of (27) of each estimator, 0 before detection", start=(0,) * 4)
     loe_lower: Scalar = port("1", "smallest loss allowed of the named rotor, 0 before")
     loe_upper: Scalar = port("1", "largest loss allowed of the named rotor, 0 before")
 
@@ -96,7 +96,7 @@ def step(
     outputs = Outputs(
         fault_detected=detection.fault_detected,
         faulty_rotor=rotor,
-        loe_estimate=is_named * loe,
+        loe_estimate=if_else(is_named, loe, 0),
         detection_time=detection.detection_time,
         isolation_time=if_else(by_sets, naming.naming_time[1], naming.naming_time[0]),
         residual=detection.residual,
@@ -111,8 +111,8 @@ def step(
         set_excluded=sets.set_excluded,
         set_rotor=naming.named[1],
         set_isolation_time=naming.naming_time[1],
-        fie_loe_estimate=isolation.fie_loe,
-        loe_lower=dot(is_named, sets.set_lower),
-        loe_upper=dot(is_named, sets.set_upper),
+        fie_loe_estimate=if_else(detection.fault_detected, isolation.fie_loe, 0),
+        loe_lower=sum1(if_else(is_named, sets.set_lower, 0)),
+        loe_upper=sum1(if_else(is_named, sets.set_upper, 0)),
     )
     return State(**vars(known), **vars(detection), **vars(isolation), **vars(sets), **vars(naming), started=1), outputs

@@ -1,0 +1,1 @@
+"""Flies co-simulated systems of FMUs, and scores, stores and reports what happened."""

@@ -1,0 +1,166 @@
+"""An archive that is hostile, damaged or no FMU at all is refused in one sentence, before anything is extracted."""
+
+from __future__ import annotations
+
+import stat
+import zipfile
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+import pytest
+from foreign_fmu import build
+
+from rotordx.fmus import fmu_path
+from rotordx.orchestrator import archive
+from rotordx.orchestrator.archive import open_archive
+from rotordx.orchestrator.errors import UserError
+
+
+@pytest.fixture
+def root(tmp_path, monkeypatch) -> Path:
+    """Where archives would be extracted."""
+    folder = tmp_path / "extracted"
+    folder.mkdir()
+    monkeypatch.setattr(archive, "_extraction_root", lambda: str(folder))
+    return folder
+
+
+@pytest.fixture
+def fmu(tmp_path) -> Path:
+    return build(tmp_path, "foreign", outputs=["y"])
+
+
+def rewritten(fmu: Path, change: Callable[[str, bytes], bytes | None], add: Iterable[tuple] = ()) -> Path:
+    """Copy of an FMU with changed, left out (None) and added entries."""
+    path = fmu.with_name("changed.fmu")
+    with zipfile.ZipFile(fmu) as source, zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as target:
+        for name in source.namelist():
+            content = change(name, source.read(name))
+            if content is not None:
+                target.writestr(name, content)
+        for entry, content in add:
+            target.writestr(entry, content)
+    return path
+
+
+def symbolic_link() -> zipfile.ZipInfo:
+    entry = zipfile.ZipInfo("resources/link")
+    entry.external_attr = (stat.S_IFLNK | 0o777) << 16
+    return entry
+
+
+def keep(_: str, content: bytes) -> bytes:
+    return content
+
+
+REFUSALS = {
+    "leads out of it": (
+        lambda fmu: rewritten(fmu, keep, [("../../escaped.txt", "x")]),
+        r"holds the entry '../../escaped.txt', which leads out of the folder",
+    ),
+    "absolute path": (
+        lambda fmu: rewritten(fmu, keep, [("/tmp/escaped.txt", "x")]),
+        "'/tmp/escaped.txt', which leads out",
+    ),
+    "backslashes": (lambda fmu: rewritten(fmu, keep, [("resources\\..\\x", "x")]), "which leads out of the folder"),
+    "drive letter": (lambda fmu: rewritten(fmu, keep, [("C:x", "x")]), "'C:x', which leads out of the folder"),
+    "symbolic link": (
+        lambda fmu: rewritten(fmu, keep, [(symbolic_link(), "/etc")]),
+        "'resources/link', which is no plain file",
+    ),
+    "no description": (
+        lambda fmu: rewritten(fmu, lambda name, content: None if name.endswith(".xml") else content),
+        r"is not an FMU: it has no modelDescription.xml",
+    ),
+    "description is no XML": (
+        lambda fmu: rewritten(fmu, lambda name, content: b"<fmi" if name.endswith(".xml") else content),
+        r"has a modelDescription.xml that is not valid: ",
+    ),
+    "description breaks the schema": (
+        lambda fmu: rewritten(fmu, lambda _, content: content.replace(b'causality="output"', b'causality="outcome"')),
+        r"has a modelDescription.xml that is not valid: .*causality",
+    ),
+    "identifier leads elsewhere": (
+        lambda fmu: rewritten(
+            fmu, lambda _, content: content.replace(b'Identifier="foreign"', b'Identifier="../foreign"')
+        ),
+        r"has a modelIdentifier that is no identifier of C",
+    ),
+    "model exchange": (
+        lambda fmu: rewritten(
+            fmu,
+            lambda _, content: content.replace(b"CoSimulation", b"ModelExchange").replace(
+                b' canHandleVariableCommunicationStepSize="true"', b""
+            ),
+        ),
+        r"is not an FMU for co-simulation, export it as one",
+    ),
+    "no binary": (
+        lambda fmu: rewritten(fmu, lambda name, content: None if name.startswith("binaries") else content),
+        r"has no binary for this platform, it lacks binaries/\w+/foreign\.",
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", REFUSALS)
+def test_it_is_refused_before_anything_is_extracted(kind, fmu, root):
+    make, message = REFUSALS[kind]
+    path = make(fmu)
+    with pytest.raises(UserError, match=message) as error:
+        open_archive(path)
+    assert str(error.value).startswith(f"{path} ")
+    assert "\n" not in str(error.value)
+    assert not list(root.iterdir())
+    assert not list(fmu.parent.parent.glob("**/escaped.txt"))
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3, 0.99])
+def test_a_truncated_archive_is_refused(share, tmp_path, root):
+    content = fmu_path("plant").read_bytes()
+    path = tmp_path / "plant.fmu"
+    path.write_bytes(content[: int(share * len(content))])
+    with pytest.raises(UserError, match=r"plant.fmu is not an FMU or is truncated: "):
+        open_archive(path)
+    assert not list(root.iterdir())
+
+
+def test_a_damaged_library_is_refused(fmu, root):
+    with zipfile.ZipFile(fmu) as source:
+        entry = next(entry for entry in source.infolist() if entry.filename.startswith("binaries"))
+        middle = entry.header_offset + entry.file_size // 2
+    content = bytearray(fmu.read_bytes())
+    content[middle] ^= 0xFF
+    fmu.write_bytes(content)
+    with pytest.raises(UserError, match=r"foreign.fmu is damaged and cannot be extracted: Bad CRC-32"):
+        open_archive(fmu)
+
+
+def test_an_archive_that_would_fill_the_disk_is_refused(fmu, root, monkeypatch):
+    monkeypatch.setattr(archive, "LARGEST_SIZE", 2**20)
+    path = rewritten(fmu, keep, [("resources/zeros", bytes(2**20))])
+    assert path.stat().st_size < 2**16
+    with pytest.raises(UserError, match=r"would take 1 MiB in 3 entries, more than an FMU does"):
+        open_archive(path)
+    assert not list(root.iterdir())
+
+
+def test_an_archive_with_too_many_entries_is_refused(fmu, root, monkeypatch):
+    monkeypatch.setattr(archive, "LARGEST_COUNT", 10)
+    path = rewritten(fmu, keep, [(f"resources/{i}", "") for i in range(10)])
+    with pytest.raises(UserError, match=r"in 12 entries, more than an FMU does"):
+        open_archive(path)
+
+
+def test_a_missing_file_and_a_folder_are_refused(tmp_path):
+    with pytest.raises(UserError, match=r"none.fmu cannot be read: No such file or directory"):
+        open_archive(tmp_path / "none.fmu")
+    (tmp_path / "folder.fmu").mkdir()
+    with pytest.raises(UserError, match=r"folder.fmu is not an FMU or is truncated: .*Is a directory"):
+        open_archive(tmp_path / "folder.fmu")
+
+
+def test_the_same_file_is_extracted_once_and_a_new_one_again(fmu, root):
+    assert open_archive(fmu).folder == open_archive(fmu).folder
+    fmu.write_bytes(fmu_path("null", 2).read_bytes())
+    assert open_archive(fmu).description.modelName == "null"
+    assert len(list(root.iterdir())) == 2

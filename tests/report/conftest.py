@@ -1,0 +1,16 @@
+"""A browser for all tests of the report."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.report.browser import CHROMIUM, browser, new_page
+
+
+@pytest.fixture(scope="session")
+def page():
+    """A page in a headless Chromium; whatever is opened in it replaces what was there."""
+    if CHROMIUM is None:
+        pytest.skip("no Chromium found: install Debian's package chromium to test the report in a browser")
+    with browser() as port, new_page(port) as empty_page:
+        yield empty_page
