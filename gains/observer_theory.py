@@ -1,0 +1,107 @@
+"""Proofs about observers with output injection: gain, decay, disk, and the discrete step, by one quadratic form."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from rotordx.gains import analysis, inequalities
+from rotordx.gains.discretisation import require_stable, spectral_radius, step_matrix
+from rotordx.gains.error_model import ErrorModel, ObserverGain
+from rotordx.gains.fault_models import ObserverOptions
+from rotordx.gains.synthesis import Proof, Requirements, best_proof
+from rotordx.gains.theory import Subject, Theory
+
+
+def proof_inequalities(model: ErrorModel, gain: ObserverGain, proof: Proof) -> dict[str, Any]:
+    """Matrices that must be positive definite; the corners (of model and gain) share P."""
+    P = proof.P
+    matrices = {"Lyapunov matrix": P, "multiplier": np.array([[proof.multiplier]])}
+    for corner, loop in enumerate(model.close(gain), start=1):
+        PA = P @ loop.A
+        matrices[f"bounded real, corner {corner}"] = inequalities.bounded_real(
+            P,
+            PA,
+            P @ loop.B,
+            P @ loop.D,
+            loop.N,
+            loop.C,
+            loop.F,
+            lipschitz=loop.lipschitz,
+            multiplier=proof.multiplier,
+            decay_rate=proof.decay_rate,
+            squared_gain=proof.gamma**2,
+        )
+        if proof.disk_radius is not None:
+            matrices[f"disk, corner {corner}"] = inequalities.disk(P, PA, radius=proof.disk_radius)
+        if proof.integrator != "exact":  # whose step contracts P because the differential equation does
+            step = step_matrix(loop.A, proof.step_size, proof.integrator)
+            matrices[f"discrete step, corner {corner}"] = inequalities.contraction(P, step)
+    return matrices
+
+
+def figures(model: ErrorModel, gain: ObserverGain, proof: Proof) -> dict[str, Any]:
+    """Figures of the closed loops, the worst of all corners; noise and settling in the first corner."""
+    loops = list(model.close(gain))
+    first, faults = loops[0], model.faults
+    poles = np.concatenate([np.linalg.eigvals(loop.A) for loop in loops])
+    std = analysis.noise_std(first, model.E.shape[1], proof.step_size, proof.integrator) / np.diag(model.W).clip(1e-300)
+    count = faults.stop - faults.start
+    return {
+        "gamma_without_nonlinearity": max(analysis.hinf_norm(loop.A, loop.B, loop.C, loop.F) for loop in loops),
+        "gamma_per_axis": {
+            axis: max(analysis.hinf_norm(loop.A, loop.B, rows @ loop.C, rows @ loop.F) for loop in loops)
+            for axis, rows in analysis.axis_outputs(model).items()
+        },
+        "slowest_pole": float(poles.real.max()),
+        "fastest_pole": float(poles.real.min()),
+        "spectral_radius": max(
+            spectral_radius(step_matrix(loop.A, proof.step_size, proof.integrator)) for loop in loops
+        ),
+        "condition_number": float(np.linalg.cond(proof.P)),
+        "fault_noise_std": std[faults].tolist(),
+        "settling_time": analysis.settling_times(first, faults, proof.step_size) if count else [],
+    }
+
+
+def limits(proof: Proof, figures: dict[str, Any]) -> dict[str, tuple[float, float]]:
+    """The gain without nonlinearity, found by other means, cannot exceed the proved one; a stable step contracts."""
+    return {
+        "gain by Hamiltonian bisection": (figures["gamma_without_nonlinearity"], proof.gamma),
+        "spectral radius of the step": (figures["spectral_radius"], 1.0),
+        "gamma over its optimum": (proof.gamma / proof.gamma_optimum, 1.05 * (1 + 1e-5)),
+    }
+
+
+OBSERVER = Theory(
+    name="observer",
+    statement=(
+        "For every nonlinearity within the Lipschitz constant the estimation error decays at decay_rate or faster, and "
+        "the gain from w (rates of the faults, measurement noise) to z (weighted errors) is at most gamma; all poles lie "
+        "in the disk, and the discrete step contracts the same quadratic form."
+    ),
+    model=ErrorModel,
+    proof=Proof,
+    inequalities=proof_inequalities,
+    figures=figures,
+    limits=limits,
+)
+
+
+def prove(subject: Subject, decay_rate: float, options: ObserverOptions, remedy: str) -> Proof:
+    """Proof for a given gain, after its discrete step has been checked.
+
+    Args:
+        subject: model and gain.
+        decay_rate: to be proved, 1/s.
+        options: step size and integrator.
+        remedy: what to take if the step is unstable.
+
+    Raises:
+        DesignError: if the step is unstable, or nothing can be proved for the Lipschitz constant.
+    """
+    for loop in subject.model.close(subject.gain):
+        require_stable(loop.A, options.step_size, options.integrator, remedy)
+    requirements = Requirements(decay_rate=decay_rate, disk_radius=None)
+    return best_proof(subject.model, subject.gain, requirements, options.step_size, options.integrator)

@@ -1,0 +1,218 @@
+"""Gains of `rho_adaptive`: robust adaptive observer with switching rho-modification, its threshold and its adaptation.
+
+    x_hat' = A x_hat + B u + xi(x_hat, u) + phi theta_hat + L (y - C x_hat),    x = [v_z, p, q, r]
+    theta_hat' = gamma phi^T C^T Y nu - gamma rho_s theta_hat,    nu = y - C x_hat
+
+The paper's matrix inequality has -rho_s I on its diagonal, and rho_s = 0 near theta_hat = 0: it cannot hold there, and
+its matrices Theta, M1, M2 are not given. What is solved instead bounds the effect of uncertainty chi and noise d on the
+error; for A = 0, C = D = I it has the closed-form solution L = (2 lambda + 2 kappa_1 + 1) I, P = I. Y is normalised by
+(phi phi^T)^-1, so that phi theta_hat follows gamma nu: an observer of accelerations, certified as such.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import cvxpy as cp
+import numpy as np
+from numpy.typing import NDArray
+
+from rotordx.fmus.vehicles import Vehicle
+from rotordx.gains import fault_models, inequalities
+from rotordx.gains.certificate import Design, new_design
+from rotordx.gains.error_model import ObserverGain
+from rotordx.gains.fault_models import FaultObserverOptions
+from rotordx.gains.flight_model import flight_model, rate_lipschitz
+from rotordx.gains.observer_theory import OBSERVER, prove
+from rotordx.gains.options import DesignError, option
+from rotordx.gains.rounding import rounded, rounded_down, rounded_form, rounded_rows
+from rotordx.gains.theory import Certificate, Subject, Theory
+
+Array = NDArray[np.float64]
+
+#: Room for rounding: the proved weights of uncertainty and noise are so much larger, relatively, than the optimal ones.
+ROOM = 0.01
+
+
+@dataclass(frozen=True)
+class Options(FaultObserverOptions):
+    """Options of the design."""
+
+    speed: float = option(1.0, "1", "faster (above 1) or quieter (below 1): multiplies convergence_rate and fault_rate")
+    convergence_rate: float = option(6.0, "1/s", "lambda: V' + 2 lambda V < mu_chi |chi|^2 + mu_d |d|^2")
+    uncertainty: tuple[float, float, float, float] = option(
+        (0.3, 1.0, 1.0, 0.3), "m/s2, rad/s2", "largest unknown accelerations of v_z, p, q, r; their norm is chi_bar"
+    )
+    noise_multiple: float = option(4.5, "1", "largest measurement noise in standard deviations; its norm is d_bar")
+    loe_max: float = option(0.5, "1", "largest loss considered; the modification starts at N = 1.2 times that")
+    modification_rate: float = option(0.3, "1", "rho_0 of the switching modification")
+    window: float = option(0.2, "s", "T1 of the residual evaluation")
+    initial_error: float = option(0.1, "m/s, rad/s", "bound on the norm of the initial estimation error")
+    decay_rate: float = option(2.0, "1/s", "alpha that is proved of the adaptation: errors decay at least as exp(-alpha t)")
+
+
+@dataclass(frozen=True)
+class DetectionModel:
+    """e' = (A - L C) e + chi + delta - L D d, |delta| <= lipschitz |e|."""
+
+    states: tuple[str, ...]
+    A: Any  #: (n, n)
+    C: Any  #: (p, n)
+    D: Any  #: (p, p)
+    lipschitz: float  #: kappa_1, 1/s
+
+
+@dataclass(frozen=True)
+class DetectionGain:
+    """Gain of the observer, and the bounds that its threshold is made for."""
+
+    L: Any  #: (n, p), 1/s
+    uncertainty_bound: float  #: chi_bar
+    noise_bound: float  #: d_bar
+
+
+@dataclass(frozen=True)
+class DetectionProof:
+    """Lyapunov matrix and multiplier, the weights of the bound, and the constants of the threshold (Theorem 1)."""
+
+    P: Any  #: (n, n)
+    multiplier: float
+    uncertainty_weight: float  #: mu_chi, proved
+    noise_weight: float  #: mu_d, proved
+    optimum: float  #: smallest mu_chi + mu_d
+    convergence_rate: float  #: lambda, 1/s
+    decay_rate: float  #: b, 1/s: |exp((A - L C) t)| <= alpha exp(-b t)
+    overshoot: float  #: alpha
+    smallest_eigenvalue: float  #: bound from below on the eigenvalues of P
+
+
+def design(vehicle: Vehicle, options: Options) -> Design:
+    """Observer gain, threshold constants and learning rate with their certificates.
+
+    Raises:
+        DesignError: if there are none, or the adaptation is unstable at the step.
+    """
+    model = detection_model(vehicle, options)
+    noise = options.noise_multiple * np.diag(fault_models.acceleration_faults(vehicle, options).V)
+    L, proof = detection_gain(model, options.convergence_rate * options.speed)
+    parameters = {
+        "observer_gain": L.flatten(),
+        "learning_rate": rounded(float((np.trace(L) / 8) ** 2), 4),  # critically damped with the mean of L
+        "decay_rate": proof.decay_rate,
+        "overshoot": proof.overshoot,
+        "lipschitz": model.lipschitz,
+        "uncertainty_bound": rounded(float(np.linalg.norm(options.uncertainty)), 6),
+        "noise_bound": rounded(float(np.linalg.norm(noise)), 6),
+        "initial_error": options.initial_error,
+        "window": options.window,
+        "modification_rate": options.modification_rate,
+        "modification_norm": rounded(1.2 * options.loe_max),
+    }
+    about = subjects(vehicle, options, parameters)
+    remedy = "rk4, a shorter step, or a lower speed"
+    adaptation = prove(about["adaptation"], options.decay_rate, options, remedy)
+    certificates = [
+        Certificate.of("detection", about["detection"], proof),
+        Certificate.of("adaptation", about["adaptation"], adaptation),
+    ]
+    return new_design("rho_adaptive", vehicle, options, parameters, certificates)
+
+
+def detection_model(vehicle: Vehicle, options: Options) -> DetectionModel:
+    """Error model of the observer of v_z and body rates."""
+    constant = rate_lipschitz(vehicle, options.envelope) if options.lipschitz is None else options.lipschitz
+    A = rounded(flight_model(vehicle).jacobian)
+    return DetectionModel(("v_z", "p", "q", "r"), A, np.eye(4), np.eye(4), rounded(constant))
+
+
+def detection_gain(model: DetectionModel, convergence_rate: float) -> tuple[Array, DetectionProof]:
+    """The gain L with the smallest mu_chi + mu_d, P >= I, and its proof.
+
+    Raises:
+        DesignError: if there is none.
+    """
+    n, p = model.A.shape[0], model.C.shape[0]
+    P, PL = cp.Variable((n, n), symmetric=True), cp.Variable((n, p))
+    multiplier, uncertainty_weight, noise_weight = cp.Variable(nonneg=True), cp.Variable(), cp.Variable()
+    bound = inequalities.disturbance_bound(
+        *(P, P @ model.A - PL @ model.C, PL @ model.D, multiplier, uncertainty_weight, noise_weight),
+        lipschitz=model.lipschitz,
+        decay_rate=convergence_rate,
+        block=cp.bmat,
+    )
+    problem = cp.Problem(cp.Minimize(uncertainty_weight + noise_weight), [bound >> 0, P >> np.eye(n)])
+    problem.solve(solver=cp.CLARABEL)
+    if problem.status != cp.OPTIMAL:
+        raise DesignError(f"no gain converges at {convergence_rate:g} 1/s with these outputs; take a lower speed")
+    # the optimum is flat: a relative change of L by 1e-4 costs 1e-8 of it
+    L, shape = rounded_rows(np.linalg.solve(P.value, PL.value), 4), rounded_form(P.value, 4)
+    eigenvalues = np.linalg.eigvalsh(shape)
+    PA = shape @ (model.A - L @ model.C)
+    root = np.linalg.inv(np.linalg.cholesky(shape))
+    decay_rate = -np.linalg.eigvalsh(root @ (PA + PA.T) @ root.T)[-1] / 2
+    proof = DetectionProof(
+        P=shape,
+        multiplier=rounded(float(multiplier.value), 6),
+        uncertainty_weight=rounded(float(uncertainty_weight.value) * (1 + ROOM), 6),
+        noise_weight=rounded(float(noise_weight.value) * (1 + ROOM), 6),
+        optimum=rounded(float(problem.value), 6),
+        convergence_rate=convergence_rate,
+        decay_rate=rounded_down(float(decay_rate) * (1 - 1e-5)),
+        overshoot=rounded(float(np.sqrt(eigenvalues[-1] / eigenvalues[0])) * (1 + 1e-3), 5),
+        smallest_eigenvalue=rounded_down(float(eigenvalues[0]) * (1 - 1e-5)),
+    )
+    return L, proof
+
+
+def subjects(vehicle: Vehicle, options: Options, parameters: dict[str, Any]) -> dict[str, Subject]:
+    """What the certificates are about, from the vehicle and the FMU parameters of the design."""
+    L = np.array(parameters["observer_gain"], dtype=float).reshape(4, 4)
+    detection = DetectionGain(L, parameters["uncertainty_bound"], parameters["noise_bound"])
+    model = fault_models.acceleration_faults(vehicle, options)
+    scale = np.diag(model.A[0][:4, 4:])
+    adaptation = ObserverGain.of(np.vstack((L, rounded(np.diag(parameters["learning_rate"] / scale)))))
+    return {
+        "detection": Subject(DETECTION, detection_model(vehicle, options), detection),
+        "adaptation": Subject(OBSERVER, model, adaptation),
+    }
+
+
+def _inequalities(model: DetectionModel, gain: DetectionGain, proof: DetectionProof) -> dict[str, Any]:
+    P, unit = proof.P, inequalities.identity(len(model.states))
+    PA = P @ (model.A - gain.L @ model.C)
+    return {
+        "effect of uncertainty and noise": inequalities.disturbance_bound(
+            *(P, PA, P @ gain.L @ model.D, proof.multiplier, proof.uncertainty_weight, proof.noise_weight),
+            lipschitz=model.lipschitz,
+            decay_rate=proof.convergence_rate,
+        ),
+        "decay b": -1 * (PA + PA.T) - 2 * proof.decay_rate * P,
+        "P from below": P - proof.smallest_eigenvalue * unit,
+        "overshoot alpha": proof.overshoot**2 * proof.smallest_eigenvalue * unit - P,
+        "b > alpha kappa_1": np.array([[proof.decay_rate - proof.overshoot * model.lipschitz]]),
+    }
+
+
+def _figures(model: DetectionModel, gain: DetectionGain, proof: DetectionProof) -> dict[str, Any]:
+    margin = proof.decay_rate - proof.overshoot * model.lipschitz
+    noise = float(np.linalg.norm(gain.L, 2) * np.linalg.norm(model.D, 2)) * gain.noise_bound
+    steady = proof.overshoot * (gain.uncertainty_bound + noise) / margin
+    return {
+        "poles": np.sort(np.linalg.eigvals(model.A - gain.L @ model.C).real).tolist(),
+        "decay_margin": margin,
+        "steady_residual_bound": steady * float(np.linalg.norm(model.C, 2)) + gain.noise_bound,
+    }
+
+
+DETECTION = Theory(
+    name="detection",
+    statement=(
+        "The error obeys V' + 2 lambda V < mu_chi |chi|^2 + mu_d |d|^2; |exp((A - L C) t)| <= alpha exp(-b t) with "
+        "b > alpha kappa_1, which is what the threshold of Theorem 1 needs."
+    ),
+    model=DetectionModel,
+    proof=DetectionProof,
+    inequalities=_inequalities,
+    figures=_figures,
+)
