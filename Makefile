@@ -72,6 +72,10 @@ format: $(VENV)/.lint
 bench: build $(VENV)/.test
 	$(BIN)/python -m tests.benchmarks.bench
 
+# Packaged designs: identified from healthy simulated flights.
+designs: build
+	$(BIN)/python -m rotordx.orchestrator.healthy_flights
+
 # The full campaign behind the figures of merit; its results are written to tests/bars/results.
 bars: build $(VENV)/.test
 	$(BIN)/python -m tests.bars.campaign

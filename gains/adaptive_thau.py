@@ -18,11 +18,11 @@ from numpy.typing import NDArray
 from rotordx.fmus.vehicles import Vehicle
 from rotordx.fmus.vehicles.parameters import VehicleParameters
 from rotordx.gains import fault_models
-from rotordx.gains.certificate import Design, new_design
+from rotordx.gains.certificate import CertifiedDesign, new_design
 from rotordx.gains.error_model import ErrorModel, ObserverGain
 from rotordx.gains.fault_models import FaultObserverOptions
 from rotordx.gains.observer_theory import OBSERVER, prove
-from rotordx.gains.options import option
+from rotordx.gains.options import POSITIVE, option
 from rotordx.gains.rounding import rounded, rounded_rows
 from rotordx.gains.thau import thau_gain
 from rotordx.gains.theory import Certificate, Subject
@@ -34,18 +34,26 @@ Array = NDArray[np.float64]
 class Options(FaultObserverOptions):
     """Options of the design."""
 
-    epsilon: float = option(100.0, "1/s", "of Lemma 1: K places the observer's poles near -epsilon")
+    epsilon: float = option(100.0, "1/s", "of Lemma 1: K places the observer's poles near -epsilon", minimum=POSITIVE)
     lyapunov_scale: float = option(
-        101.8, "1", "p of P = p I in (19), which scales F2 up and the learning rate down; 101.8 is printed"
+        101.8,
+        "1",
+        "p of P = p I in (19), which scales F2 up and the learning rate down; 101.8 is printed",
+        minimum=POSITIVE,
     )
     learning_rate: tuple[float, float, float] | None = option(
-        None, "N2.m2", "diagonal of Gamma; none: the steady Kalman filter's for fault_rate and gyro noise"
+        None,
+        "N2.m2",
+        "diagonal of Gamma; none: the steady Kalman filter's for fault_rate and gyro noise",
+        minimum=POSITIVE,
     )
     leak: float = option(1.0, "1/(N.m)", "leak of the fault estimate, kappa: makes (20) robust and biases it a little")
-    decay_rate: float = option(2.0, "1/s", "alpha that is proved: errors decay at least as exp(-alpha t)")
+    decay_rate: float = option(
+        2.0, "1/s", "alpha that is proved: errors decay at least as exp(-alpha t)", minimum=POSITIVE
+    )
 
 
-def design(vehicle: Vehicle, options: Options) -> Design:
+def design(vehicle: Vehicle, options: Options) -> CertifiedDesign:
     """Closed-form gains and their certificate.
 
     Raises:
@@ -62,7 +70,7 @@ def thau_parameters(vehicle: Vehicle, options: Options) -> dict[str, Any]:
 
     A random walk of the fault of intensity (fault_rate scale)^2, seen through gyro noise of density gyro_noise^2
     step_size, gives the steady Kalman filter a gain from rate to fault of (fault_rate scale) / (gyro_noise
-    sqrt(step_size)), which is p Gamma / J^2. Then all three torques are estimated with the same part of their scale as noise.
+    sqrt(step_size)), which is p Gamma / J^2. All three estimates then carry the same noise relative to their scales.
     """
     inertia = np.asarray(vehicle.fill(VehicleParameters).inertia)
     model = fault_models.torque_faults(vehicle, options)

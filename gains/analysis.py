@@ -1,4 +1,4 @@
-"""Figures of an observer that need no optimisation: gain from disturbance to error, poles, noise, settling, detectability."""
+"""Figures of an observer that need no optimisation: gain from disturbance to error, noise, settling, detectability."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def hinf_norm(A: Array, B: Array, C: Array, F: Array, tolerance: float = 1e-8) -
         A, B, C, F: (n, n), (n, m), (r, n), (r, m).
         tolerance: relative accuracy.
     """
-    lower = max(np.linalg.norm(F, 2), np.linalg.norm(F - C @ np.linalg.solve(A, B), 2))
+    lower = float(max(np.linalg.norm(F, 2), np.linalg.norm(F - C @ np.linalg.solve(A, B), 2)))
     if lower == 0:
         lower = 1e-12
     upper = 2 * lower
@@ -93,25 +93,27 @@ def noise_std(loop: ClosedLoop, disturbances: int, step_size: float, integrator:
     return np.sqrt(np.diag(loop.C @ covariance @ loop.C.T + F @ F.T))
 
 
-def settling_times(loop: ClosedLoop, faults: slice, step_size: float, within: float = 0.05) -> list[float | None]:
-    """Time, s, after which the errors of all faults stay within a part of a fault that appeared at 0, for each fault.
+def settling_times(
+    step: Array, outputs: Array, estimates: slice, step_size: float, within: float = 0.05
+) -> list[float | None]:
+    """Time, s, after which all outputs stay within a part of the one estimate that is wrong at first, for each one.
 
     Args:
-        loop: closed loop.
-        faults: where the faults lie among the states and among the outputs z.
-        step_size: resolution, s.
+        step: (n, n), e+ = step e.
+        outputs: (k, n), what is looked at.
+        estimates: states that are wrong at first, one after the other.
+        step_size: s.
         within: the part.
 
     Returns:
-        one time for each fault, None if it is longer than 5 s.
+        one time for each estimate, None if it is longer than 5 s.
     """
-    S, C = step_matrix(loop.A, step_size, "exact"), loop.C[faults]
-    errors = np.eye(len(loop.A))[:, faults]
-    limit = within * np.abs(C @ errors).max(axis=0)
+    errors = np.eye(len(step))[:, estimates]
+    limit = within * np.abs(outputs @ errors).max(axis=0)
     last, count = np.zeros(errors.shape[1], dtype=int), round(5 / step_size)
     for k in range(1, count + 1):
-        errors = S @ errors
-        last[np.abs(C @ errors).max(axis=0) > limit] = k
+        errors = step @ errors
+        last[np.abs(outputs @ errors).max(axis=0) > limit] = k
     return [None if k == count else float(k + 1) * step_size for k in last]
 
 

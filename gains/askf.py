@@ -6,20 +6,20 @@ from typing import Any
 
 from rotordx.fmus.vehicles import Vehicle
 from rotordx.gains import kalman
-from rotordx.gains.certificate import Design, new_design
+from rotordx.gains.certificate import CertifiedDesign, new_design
 from rotordx.gains.kalman import Options
 from rotordx.gains.theory import Certificate, Subject
 
 __all__ = ["Options", "design", "subjects"]
 
 
-def design(vehicle: Vehicle, options: Options) -> Design:
+def design(vehicle: Vehicle, options: Options) -> CertifiedDesign:
     """Covariances, and the steady gain with its certificate.
 
     Raises:
         DesignError: if the filter has no steady state.
     """
-    gain, proof = kalman.steady_filter(kalman.filter_model(vehicle, options, losses=True))
+    gain, proof = kalman.steady_filter(kalman.filter_model(vehicle, options, losses=True), options.step_size)
     parameters = kalman.common_parameters(vehicle, options) | {"kalman_gain": gain.flatten()}
     about = subjects(vehicle, options, parameters)["augmented"]
     return new_design("askf", vehicle, options, parameters, [Certificate.of("augmented", about, proof)])

@@ -19,10 +19,10 @@ from rotordx.fmus.vehicles import Vehicle
 from rotordx.gains import fault_models
 from rotordx.gains.adaptive_thau import Options as AdaptiveThauOptions
 from rotordx.gains.adaptive_thau import augmented_gain, leaking, thau_parameters
-from rotordx.gains.certificate import Design, new_design
+from rotordx.gains.certificate import CertifiedDesign, new_design
 from rotordx.gains.error_model import ObserverGain
 from rotordx.gains.observer_theory import OBSERVER, prove
-from rotordx.gains.options import option
+from rotordx.gains.options import POSITIVE, option
 from rotordx.gains.rounding import rounded
 from rotordx.gains.theory import Certificate, Subject
 
@@ -34,15 +34,20 @@ class Options(AdaptiveThauOptions):
     """Options of the design."""
 
     disturbance_direction: tuple[float, float, float, float, float, float] = option(
-        (0.0, 0.0, 0.0, 1.0, 1.0, 1.0), "1", "E_d; the paper's six ones also drive the angles, which no disturbance does"
+        (0.0, 0.0, 0.0, 1.0, 1.0, 1.0),
+        "1",
+        "E_d; the paper's six ones also drive the angles, which no disturbance does",
+        minimum=-1.0,
     )
     sliding_gain_max: float = option(1.0, "rad/s2", "largest n, the disturbance that the sliding term can cancel")
     sliding_rate: float = option(0.1, "rad/s3", "alpha of (14): growth of n per unit of |F1 e_y| outside the dead zone")
     sliding_leak: float = option(0.1, "1/s", "leak of n, which lets it return")
-    noise_multiple: float = option(4.5, "1", "boundary layer and dead zone in standard deviations of F1 e_y by noise")
+    noise_multiple: float = option(
+        4.5, "1", "boundary layer and dead zone in standard deviations of F1 e_y by noise", minimum=POSITIVE
+    )
 
 
-def design(vehicle: Vehicle, options: Options) -> Design:
+def design(vehicle: Vehicle, options: Options) -> CertifiedDesign:
     """Closed-form gains and their certificate.
 
     Raises:

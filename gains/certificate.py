@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import hashlib
 import json
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -13,9 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from rotordx.fmus.shell import ports
 from rotordx.fmus.vehicles import Vehicle
-from rotordx.fmus.vehicles.parameters import SensorParameters, VehicleParameters
+from rotordx.gains.design import plain_hash, vehicle_parameters
 from rotordx.gains.flight_model import model_terms_hash
 from rotordx.gains.options import DesignError
 from rotordx.gains.rounding import rounded
@@ -26,8 +24,8 @@ SCHEMA = "rotordx design, version 1"
 
 
 @dataclass(frozen=True)
-class Design:
-    """What a design file holds; `options` is the request, from which the same design can be made again."""
+class CertifiedDesign:
+    """A design whose gains are computed and proved; `options` is the request, from which it can be made again."""
 
     diagnoser: str
     vehicle: str
@@ -42,38 +40,23 @@ class Design:
 
 def new_design(
     diagnoser: str, vehicle: Vehicle, options: Any, parameters: dict[str, Any], certificates: Iterable[Certificate]
-) -> Design:
+) -> CertifiedDesign:
     """A design with everything that it depends on: vehicle, model terms and solver as they are now."""
     own = vehicle_parameters(vehicle)
-    return Design(
+    return CertifiedDesign(
         diagnoser=diagnoser,
         vehicle=vehicle.name,
         parameters=parameters,
         options=plain(options),
         certificates=tuple(certificates),
         vehicle_parameters=own,
-        vehicle_hash=digest(own),
+        vehicle_hash=plain_hash(own),
         model_terms_hash=model_terms_hash(),
         solver={name: version(name) for name in ("cvxpy", "clarabel")},
     )
 
 
-def vehicle_parameters(vehicle: Vehicle) -> dict[str, Any]:
-    """All parameters of a vehicle that a design can depend on."""
-    values = {}
-    for cls in (VehicleParameters, SensorParameters):
-        filled = vehicle.fill(cls)
-        values |= {p.name: np.asarray(getattr(filled, p.name)).tolist() for p in ports.table(cls)}
-    return values
-
-
-def digest(document: Any) -> str:
-    """SHA-256 of plain data, independent of its formatting."""
-    text = json.dumps(document, sort_keys=True, separators=(",", ":"), allow_nan=False)
-    return hashlib.sha256(text.encode()).hexdigest()
-
-
-def document(design: Design) -> dict[str, Any]:
+def document(design: CertifiedDesign) -> dict[str, Any]:
     """The design as plain data, without its digest."""
     return {
         "schema": SCHEMA,
@@ -98,13 +81,18 @@ def document(design: Design) -> dict[str, Any]:
     }
 
 
-def text(design: Design) -> str:
-    """Contents of the design file; the same design gives the same bytes."""
+def signed(design: CertifiedDesign) -> dict[str, Any]:
+    """The design as plain data, with its digest last."""
     content = document(design)
-    return _format({**content, "digest": digest(content)}, "") + "\n"
+    return {**content, "digest": plain_hash(content)}
 
 
-def write(design: Design, folder: Path) -> Path:
+def text(design: CertifiedDesign) -> str:
+    """Contents of the design file; the same design gives the same bytes."""
+    return _format(signed(design), "") + "\n"
+
+
+def write(design: CertifiedDesign, folder: Path) -> Path:
     """Write `<folder>/<vehicle>/<diagnoser>.json`, whole or not at all.
 
     Raises:

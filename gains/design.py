@@ -38,10 +38,20 @@ def write_design(design: Design, folder: Path) -> Path:
     return path
 
 
-def vehicle_hash(vehicle: Vehicle) -> str:
-    """SHA-256 (hexadecimal) of the physical and sensor parameters that a design rests on."""
-    values = {}
+def vehicle_parameters(vehicle: Vehicle) -> dict[str, float | list[float]]:
+    """The physical and sensor parameters that a design can rest on, as plain data."""
+    values: dict[str, float | list[float]] = {}
     for cls in (VehicleParameters, SensorParameters):
         filled = vehicle.fill(cls)
         values |= {p.name: np.asarray(getattr(filled, p.name)).tolist() for p in table(cls)}
+    return values
+
+
+def vehicle_hash(vehicle: Vehicle) -> str:
+    """SHA-256 (hexadecimal) of the parameters that a design rests on."""
+    return plain_hash(vehicle_parameters(vehicle))
+
+
+def plain_hash(values: Any) -> str:
+    """SHA-256 (hexadecimal) of plain data, whatever the order of its keys."""
     return hashlib.sha256(json.dumps(values, sort_keys=True, allow_nan=False).encode()).hexdigest()

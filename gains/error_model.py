@@ -1,4 +1,4 @@
-"""Linear error dynamics of an observer for state and fault, with a Lipschitz nonlinearity: what a certificate is about."""
+"""Error dynamics of an observer for state and fault, linear but for a Lipschitz term: what a certificate is about."""
 
 from __future__ import annotations
 

@@ -25,7 +25,9 @@ def exactly(value: Any) -> Any:
     if isinstance(value, tuple | list):
         return type(value)(exactly(v) for v in value)
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return dataclasses.replace(value, **{f.name: exactly(getattr(value, f.name)) for f in dataclasses.fields(value)})
+        return dataclasses.replace(
+            value, **{f.name: exactly(getattr(value, f.name)) for f in dataclasses.fields(value)}
+        )
     return value
 
 

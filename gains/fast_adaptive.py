@@ -16,11 +16,11 @@ import numpy as np
 from rotordx.fmus.vehicles import Vehicle
 from rotordx.fmus.vehicles.parameters import VehicleParameters
 from rotordx.gains import fault_models
-from rotordx.gains.certificate import Design, new_design
+from rotordx.gains.certificate import CertifiedDesign, new_design
 from rotordx.gains.error_model import ObserverGain
 from rotordx.gains.fault_models import FaultObserverOptions
 from rotordx.gains.observer_theory import OBSERVER, prove
-from rotordx.gains.options import option
+from rotordx.gains.options import POSITIVE, option
 from rotordx.gains.rounding import rounded, rounded_rows
 from rotordx.gains.theory import Certificate, Subject
 
@@ -29,12 +29,18 @@ from rotordx.gains.theory import Certificate, Subject
 class Options(FaultObserverOptions):
     """Options of the design."""
 
-    observer_bandwidth: float = option(50.0, "1/s", "l, which is sigma too; no fault is estimated faster than this")
-    lyapunov_scale: float = option(101.8, "1", "p of P = p I, which scales F up and the learning rate down")
-    decay_rate: float = option(2.0, "1/s", "alpha that is proved: errors decay at least as exp(-alpha t)")
+    observer_bandwidth: float = option(
+        50.0, "1/s", "l, which is sigma too; no fault is estimated faster than this", minimum=POSITIVE
+    )
+    lyapunov_scale: float = option(
+        101.8, "1", "p of P = p I, which scales F up and the learning rate down", minimum=POSITIVE
+    )
+    decay_rate: float = option(
+        2.0, "1/s", "alpha that is proved: errors decay at least as exp(-alpha t)", minimum=POSITIVE
+    )
 
 
-def design(vehicle: Vehicle, options: Options) -> Design:
+def design(vehicle: Vehicle, options: Options) -> CertifiedDesign:
     """Closed-form gains and their certificate.
 
     The bandwidth g is the compromise between a lag behind random changes of the fault, variance fault_rate^2 / (2 g),

@@ -15,10 +15,11 @@ from numpy.typing import NDArray
 
 from rotordx.fmus.vehicles import Vehicle
 from rotordx.fmus.vehicles.parameters import SensorParameters
-from rotordx.gains.rounding import rounded
+from rotordx.gains.discretisation import INTEGRATORS
 from rotordx.gains.error_model import ErrorModel
 from rotordx.gains.flight_model import Envelope, attitude_lipschitz, flight_model, rate_lipschitz
-from rotordx.gains.options import option
+from rotordx.gains.options import POSITIVE, option
+from rotordx.gains.rounding import rounded
 
 Array = NDArray[np.float64]
 
@@ -31,29 +32,38 @@ TORQUE_FAULTS = ("fault_roll", "fault_pitch", "fault_yaw")
 
 
 @dataclass(frozen=True)
-class ObserverOptions:
+class ObserverOptions(Envelope):
     """What every observer is laid out for."""
 
-    attitude_noise: float | None = option(None, "rad", "weight of the attitude noise; none: the vehicle's sensor")
-    gyro_noise: float | None = option(None, "rad/s", "weight of the gyro noise; none: the vehicle's sensor")
-    velocity_noise: float | None = option(None, "m/s", "weight of the noise of v_z; none: from the vehicle's sensors")
-    state_weight: float = option(0.1, "1", "weight of the state's error in the performance output z")
-    envelope: Envelope = option(Envelope(), "", "flight envelope over which the Lipschitz constant is computed")
+    attitude_noise: float | None = option(
+        None, "rad", "weight of the attitude noise; none: the vehicle's sensor", minimum=POSITIVE
+    )
+    gyro_noise: float | None = option(
+        None, "rad/s", "weight of the gyro noise; none: the vehicle's sensor", minimum=POSITIVE
+    )
+    velocity_noise: float | None = option(
+        None, "m/s", "weight of the noise of v_z; none: from the vehicle's sensors", minimum=POSITIVE
+    )
+    state_weight: float = option(0.1, "1", "weight of the state's error in the performance output z", minimum=POSITIVE)
     lipschitz: float | None = option(None, "1/s", "Lipschitz constant; none: computed over the envelope")
     exact_kinematics: bool = option(
-        True, "", "the observer turns body rates into Euler rates with R_eta; false: with the identity, as the papers do"
+        True,
+        "",
+        "the observer turns body rates into Euler rates with R_eta; false: with the identity, as the papers do",
     )
-    step_size: float = option(0.002, "s", "step at which the observer runs")
-    integrator: str = option("rk4", "", "how it advances over a step: euler, heun, rk4 or exact")
+    step_size: float = option(0.002, "s", "step at which the observer runs", minimum=POSITIVE)
+    integrator: str = option("rk4", "", "how it advances over a step: euler, heun, rk4 or exact", choices=INTEGRATORS)
 
 
 @dataclass(frozen=True)
 class FaultObserverOptions(ObserverOptions):
     """What an observer of faults is laid out for besides."""
 
-    speed: float = option(1.0, "1", "faster (above 1) or quieter (below 1): multiplies fault_rate")
-    fault_rate: float = option(0.3, "1/s", "weight of the faults' rate of change: how fast losses are expected to change")
-    fault_weight: float = option(1.0, "1", "weight of the faults' error in the performance output z")
+    speed: float = option(1.0, "1", "faster (above 1) or quieter (below 1): multiplies fault_rate", minimum=POSITIVE)
+    fault_rate: float = option(
+        0.3, "1/s", "weight of the faults' rate of change: how fast losses are expected to change", minimum=POSITIVE
+    )
+    fault_weight: float = option(1.0, "1", "weight of the faults' error in the performance output z", minimum=POSITIVE)
     filtered_velocity: bool = option(
         True, "", "v_z is known through the vehicle's velocity filter, and the observer knows that; false: v_z is ideal"
     )
@@ -83,7 +93,7 @@ def rotor_faults(vehicle: Vehicle, options: FaultObserverOptions) -> ErrorModel:
     lag = ("lagged_acceleration", "filtered_acceleration") if options.filtered_velocity else ()
     states = (*ATTITUDE, *RATES, "v_z", *lag, *ROTOR_FAULTS)
     corners = []
-    for cosine in sorted({1.0, float(np.cos(options.envelope.tilt))}, reverse=True):
+    for cosine in sorted({1.0, float(np.cos(options.tilt))}, reverse=True):
         A = _attitude_and_rates(states, hover.jacobian[1:, 1:])
         A[_rows(states, RATES), -4:] = -hover.signatures[1:]
         vertical = -cosine * hover.signatures[0]
@@ -106,7 +116,7 @@ def torque_scale(vehicle: Vehicle) -> Array:
 
 
 def torque_faults(vehicle: Vehicle, options: FaultObserverOptions) -> ErrorModel:
-    """`tau3`: attitude and body rates measured, three torque faults; which rotor it is takes the single-fault assumption."""
+    """`tau3`: attitude and body rates measured, three torque faults; to name a rotor is to assume a single fault."""
     states = (*ATTITUDE, *RATES, *TORQUE_FAULTS)
     A = _attitude_and_rates(states, flight_model(vehicle).jacobian[1:, 1:])
     A[_rows(states, RATES), -3:] = np.diag(torque_scale(vehicle))
@@ -165,7 +175,7 @@ def _channel_model(
     vehicle: Vehicle, options: ObserverOptions, states: tuple[str, ...], A: Array, E: Array, weights: Array
 ) -> ErrorModel:
     unit = np.eye(len(states))
-    constant = rate_lipschitz(vehicle, options.envelope) if options.lipschitz is None else options.lipschitz
+    constant = rate_lipschitz(vehicle, options) if options.lipschitz is None else options.lipschitz
     return ErrorModel(
         states=states,
         outputs=CHANNELS,
@@ -213,7 +223,7 @@ def _error_model(
         C=unit[[states.index(name) for name in outputs]],
         D=unit[:, [states.index(name) for name in affected]],
         N=unit[[states.index(name) for name in RATES]],
-        lipschitz=rounded(constant(vehicle, options.envelope) if options.lipschitz is None else options.lipschitz),
+        lipschitz=rounded(constant(vehicle, options) if options.lipschitz is None else options.lipschitz),
         E=rounded(E),
         V=rounded(np.diag(noise_sizes(vehicle, options)[: len(outputs)])),
         W=np.diag(weights),

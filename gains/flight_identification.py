@@ -24,6 +24,8 @@ Array = NDArray[np.float64]
 
 #: Hz: above the motion of a small multirotor, below the Nyquist frequency of a 100 Hz log
 NOISE_BAND = (15.0, 40.0)
+#: of the strongest rotor's lift: no rotor of a vehicle in the air lifts less
+LEAST_LIFT = 1e-3
 #: digits of what is identified, in memory as in the vehicle file
 SIGNIFICANT_DIGITS = 5
 
@@ -178,7 +180,14 @@ def _mean_balance(flight: Flight, vehicle: Vehicle) -> tuple[Array, Array, float
         raise ValueError(f"{flight.name} lasts only {flight.time[-1] - flight.time[0]:.2f} s; fly longer")
     duration = flight.time[-1] - flight.time[start]
     rate = (zeta[-1] - zeta[start]) / duration
-    return rate - nominal[:, start:].mean(axis=1), signatures[:, start:].mean(axis=1), float(duration)
+    mean_signatures = signatures[:, start:].mean(axis=1)
+    lift = mean_signatures[0]  # each rotor's share
+    if lift.min() < LEAST_LIFT * lift.max():
+        raise ValueError(
+            f"{flight.name}: rotor {int(lift.argmin()) + 1} was commanded to lift next to nothing; "
+            "check the commands in the signal mapping"
+        )
+    return rate - nominal[:, start:].mean(axis=1), mean_signatures, float(duration)
 
 
 @cache

@@ -26,10 +26,13 @@ Array = NDArray[np.float64]
 class Envelope:
     """Flight states over which a Lipschitz constant holds: each quantity up to its largest absolute value."""
 
-    tilt: float = option(0.35, "rad", "largest angle between body z and the vertical")
+    tilt: float = option(0.35, "rad", "largest angle between body z and the vertical", maximum=1.5)
     body_rate: tuple[float, float, float] = option((2.0, 2.0, 1.0), "rad/s", "largest |p|, |q|, |r|")
     loss_of_effectiveness: float = option(
-        0.5, "1", "largest loss of one rotor, made up for by turning it faster: decides the net rotor momentum"
+        0.5,
+        "1",
+        "largest loss of one rotor, made up for by turning it faster: decides the net rotor momentum",
+        maximum=0.99,
     )
 
 
@@ -48,8 +51,8 @@ def flight_model(vehicle: Vehicle) -> FlightModel:
     """Linearise a vehicle in hover."""
     numbers = _numbers(vehicle)
     allocation = _evaluate("allocation", numbers)
-    weight = float(vehicle.parameters["mass"]) * float(vehicle.parameters["gravity"])
-    hover_speed = np.sqrt(np.linalg.solve(allocation, [weight, 0.0, 0.0, 0.0]))
+    body = vehicle.fill(VehicleParameters)
+    hover_speed = np.sqrt(np.linalg.solve(allocation, [body.mass * body.gravity, 0.0, 0.0, 0.0]))
     level, still = np.zeros(3), np.zeros(4)
     return FlightModel(
         hover_speed=hover_speed,
@@ -65,7 +68,7 @@ def rate_lipschitz(vehicle: Vehicle, envelope: Envelope) -> float:
     rotor speeds (Euler's and the rotors' gyroscopic terms), its norm hence convex, and the largest value is found at a
     corner: three body rates at plus or minus their limit, no rotor or one of them as fast as its loss makes it turn.
     """
-    return max(np.linalg.norm(matrix, 2) for matrix in _rate_deviations(vehicle, envelope))
+    return max(float(np.linalg.norm(matrix, 2)) for matrix in _rate_deviations(vehicle, envelope))
 
 
 def attitude_lipschitz(vehicle: Vehicle, envelope: Envelope) -> float:

@@ -1,8 +1,8 @@
 """Gains of `hinf`: robust H-infinity observer of state and faults (Ren 2020, corrected and solved with one full P).
 
 Two observers in one design: `vz4` estimates four rotor faults from attitude, rates and vertical velocity, `tau3` three
-torque faults from attitude and rates alone. The README beside this file says what is wrong with the paper's inequalities
-(32), (42) and (57), and what is solved instead.
+torque faults from attitude and rates alone. The README beside this file says what is wrong with the paper's matrix
+inequalities (32), (42) and (57), and what is solved instead.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from rotordx.fmus.vehicles import Vehicle
 from rotordx.fmus.vehicles.parameters import SensorParameters
 from rotordx.gains import fault_models
 from rotordx.gains.analysis import undetectable_directions
-from rotordx.gains.certificate import Design, new_design
+from rotordx.gains.certificate import CertifiedDesign, new_design
 from rotordx.gains.error_model import ErrorModel, ObserverGain
 from rotordx.gains.fault_models import FaultObserverOptions
 from rotordx.gains.flight_model import flight_model
@@ -44,7 +44,7 @@ class Options(Requirements, FaultObserverOptions):
     )
 
 
-def design(vehicle: Vehicle, options: Options) -> Design:
+def design(vehicle: Vehicle, options: Options) -> CertifiedDesign:
     """Design the observers and their certificates.
 
     Raises:
@@ -84,10 +84,10 @@ def require_detectable(name: str, model: ErrorModel) -> None:
     for direction in undetectable_directions(model.A[0], model.C).T:
         faults = direction[model.faults]
         whole = np.round(faults / faults[np.abs(faults).argmax()], 3)
+        text = ", ".join(f"{v:g}" for v in whole)
         raise DesignError(
-            f"the model {name} cannot tell all its faults from its measurements: the direction "
-            f"[{', '.join(f'{v:g}' for v in whole)}] (equal change of all rotors if all are 1) leaves attitude and body "
-            "rates as they are; measure vertical velocity too (model vz4)"
+            f"the model {name} cannot tell all its faults from its measurements: the direction [{text}] of the faults "
+            "leaves attitude and body rates as they are; measure the vertical velocity too (model vz4)"
         )
 
 

@@ -17,10 +17,11 @@ from scipy.linalg import expm, solve_discrete_are, solve_discrete_lyapunov
 from rotordx.fmus.vehicles import Vehicle
 from rotordx.fmus.vehicles.parameters import SensorParameters, VehicleParameters
 from rotordx.gains import fault_models, inequalities
+from rotordx.gains.analysis import settling_times
 from rotordx.gains.discretisation import spectral_radius
 from rotordx.gains.fault_models import CHANNELS, ROTOR_FAULTS, FaultObserverOptions
 from rotordx.gains.flight_model import flight_model
-from rotordx.gains.options import DesignError, option
+from rotordx.gains.options import POSITIVE, DesignError, option
 from rotordx.gains.rounding import rounded, rounded_form, rounded_rows
 from rotordx.gains.theory import Subject, Theory
 
@@ -33,12 +34,19 @@ THRUSTS = ("thrust_1", "thrust_2", "thrust_3", "thrust_4")
 class Options(FaultObserverOptions):
     """Options of the design. The losses walk with a variance of (speed fault_rate)^2 step_size a step."""
 
-    fault_rate: float = option(0.3, "1/s^0.5", "standard deviation of the losses' random walk after 1 s")
-    acceleration_noise: tuple[float, float, float, float] = option(
-        (0.05, 0.2, 0.2, 0.05), "m/s^1.5, rad/s^1.5", "standard deviation after 1 s of the walks of v_z, p, q, r"
+    fault_rate: float = option(
+        0.05, "1/s^0.5", "standard deviation of the losses' random walk after 1 s", minimum=POSITIVE
     )
-    thrust_noise: float = option(0.05, "1/s^0.5", "of the relative thrust of a rotor, per root of a second")
-    initial_loe_std: float = option(0.1, "1", "standard deviation of the losses at the start")
+    acceleration_noise: tuple[float, float, float, float] = option(
+        (0.02, 0.1, 0.1, 0.02),
+        "m/s^1.5, rad/s^1.5",
+        "standard deviation after 1 s of the walks of v_z, p, q, r",
+        minimum=POSITIVE,
+    )
+    thrust_noise: float = option(
+        0.02, "1/s^0.5", "of the relative thrust of a rotor, per root of a second", minimum=POSITIVE
+    )
+    initial_loe_std: float = option(0.1, "1", "standard deviation of the losses at the start", minimum=POSITIVE)
 
 
 @dataclass(frozen=True)
@@ -58,6 +66,7 @@ class FilterProof:
     """A bound on the covariance of the error of the one-step prediction, with the steady gain."""
 
     P: Any  #: (n, n)
+    step_size: float  #: s
 
 
 def filter_model(vehicle: Vehicle, options: Options, *, losses: bool) -> FilterModel:
@@ -99,7 +108,7 @@ def loss_walk(options: Options) -> float:
     return options.fault_rate * options.speed
 
 
-def steady_filter(model: FilterModel) -> tuple[Array, FilterProof]:
+def steady_filter(model: FilterModel, step_size: float) -> tuple[Array, FilterProof]:
     """Steady gain K (n, p) of x_hat = x_predicted + K (y - C x_predicted), and its proof.
 
     Raises:
@@ -114,7 +123,7 @@ def steady_filter(model: FilterModel) -> tuple[Array, FilterProof]:
     transition, input_gain = _closed(model, gain)
     room = 1e-4 * np.diag(np.diag(covariance))  # for rounding
     bound = solve_discrete_lyapunov(transition, input_gain @ model.R @ input_gain.T + model.Q + room)
-    return gain, FilterProof(rounded_form(bound))
+    return gain, FilterProof(rounded_form(bound), step_size)
 
 
 def common_parameters(vehicle: Vehicle, options: Options) -> dict[str, Any]:
@@ -151,9 +160,12 @@ def _figures(model: FilterModel, gain: Array, proof: FilterProof) -> dict[str, A
     steady = solve_discrete_lyapunov(transition, input_gain @ model.R @ input_gain.T + model.Q)
     after = np.eye(len(model.states)) - gain @ model.C
     std = np.sqrt(np.diag(after @ steady @ after.T + gain @ model.R @ gain.T))
+    estimates = slice(-4, None) if "fault" in model.states[-1] else slice(0, 4)
     return {
         "spectral_radius": spectral_radius(transition),
-        "std": dict(zip(model.states, std.tolist(), strict=True)),
+        "estimates": list(model.states[estimates]),
+        "noise_std": std[estimates].tolist(),
+        "settling_time": settling_times(transition, np.eye(len(std))[estimates], estimates, proof.step_size),
         "largest_excess_of_bound": float((np.diag(proof.P) / np.diag(steady)).max() - 1),
     }
 
@@ -172,5 +184,6 @@ COVARIANCE = Theory(
     proof=FilterProof,
     inequalities=_inequalities,
     figures=_figures,
+    formulas=(inequalities.covariance_bound,),
     limits=_limits,
 )

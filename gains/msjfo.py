@@ -9,20 +9,20 @@ from typing import Any
 
 from rotordx.fmus.vehicles import Vehicle
 from rotordx.gains import kalman
-from rotordx.gains.certificate import Design, new_design
+from rotordx.gains.certificate import CertifiedDesign, new_design
 from rotordx.gains.kalman import Options
 from rotordx.gains.theory import Certificate, Subject
 
 __all__ = ["Options", "design", "subjects"]
 
 
-def design(vehicle: Vehicle, options: Options) -> Design:
+def design(vehicle: Vehicle, options: Options) -> CertifiedDesign:
     """Covariances, and the steady gain of the bias-free stage with its certificate.
 
     Raises:
         DesignError: if that stage has no steady state.
     """
-    gain, proof = kalman.steady_filter(kalman.filter_model(vehicle, options, losses=False))
+    gain, proof = kalman.steady_filter(kalman.filter_model(vehicle, options, losses=False), options.step_size)
     parameters = kalman.common_parameters(vehicle, options) | {"bias_free_gain": gain.flatten()}
     about = subjects(vehicle, options, parameters)["bias_free"]
     return new_design("msjfo", vehicle, options, parameters, [Certificate.of("bias_free", about, proof)])

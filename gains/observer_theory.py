@@ -42,12 +42,15 @@ def proof_inequalities(model: ErrorModel, gain: ObserverGain, proof: Proof) -> d
 
 
 def figures(model: ErrorModel, gain: ObserverGain, proof: Proof) -> dict[str, Any]:
-    """Figures of the closed loops, the worst of all corners; noise and settling in the first corner."""
+    """Figures of the closed loops, the worst of all corners; noise and settling of the estimates in the first corner.
+
+    Estimates are the faults, or the state where no fault is estimated.
+    """
     loops = list(model.close(gain))
-    first, faults = loops[0], model.faults
+    estimates = model.faults if "fault" in model.states[-1] else slice(0, len(model.states))
     poles = np.concatenate([np.linalg.eigvals(loop.A) for loop in loops])
-    std = analysis.noise_std(first, model.E.shape[1], proof.step_size, proof.integrator) / np.diag(model.W).clip(1e-300)
-    count = faults.stop - faults.start
+    steps = [step_matrix(loop.A, proof.step_size, proof.integrator) for loop in loops]
+    noise = analysis.noise_std(loops[0], model.E.shape[1], proof.step_size, proof.integrator)
     return {
         "gamma_without_nonlinearity": max(analysis.hinf_norm(loop.A, loop.B, loop.C, loop.F) for loop in loops),
         "gamma_per_axis": {
@@ -56,12 +59,11 @@ def figures(model: ErrorModel, gain: ObserverGain, proof: Proof) -> dict[str, An
         },
         "slowest_pole": float(poles.real.max()),
         "fastest_pole": float(poles.real.min()),
-        "spectral_radius": max(
-            spectral_radius(step_matrix(loop.A, proof.step_size, proof.integrator)) for loop in loops
-        ),
+        "spectral_radius": max(spectral_radius(step) for step in steps),
         "condition_number": float(np.linalg.cond(proof.P)),
-        "fault_noise_std": std[faults].tolist(),
-        "settling_time": analysis.settling_times(first, faults, proof.step_size) if count else [],
+        "estimates": list(model.states[estimates]),
+        "noise_std": (noise[estimates] / np.diag(model.W)[estimates]).tolist(),
+        "settling_time": analysis.settling_times(steps[0], loops[0].C[estimates], estimates, proof.step_size),
     }
 
 
@@ -78,13 +80,14 @@ OBSERVER = Theory(
     name="observer",
     statement=(
         "For every nonlinearity within the Lipschitz constant the estimation error decays at decay_rate or faster, and "
-        "the gain from w (rates of the faults, measurement noise) to z (weighted errors) is at most gamma; all poles lie "
-        "in the disk, and the discrete step contracts the same quadratic form."
+        "the gain from w (disturbances or rates of the faults, measurement noise) to z (weighted errors) is at most "
+        "gamma; if there is a disk, all poles are in it; the discrete step contracts the same quadratic form."
     ),
     model=ErrorModel,
     proof=Proof,
     inequalities=proof_inequalities,
     figures=figures,
+    formulas=(inequalities.bounded_real, inequalities.disk, inequalities.contraction),
     limits=limits,
 )
 

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
+import math
 import tomllib
 import typing
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, TypeVar
 
 T = TypeVar("T")
@@ -16,42 +17,55 @@ class DesignError(ValueError):
     """What was asked for cannot be designed; the message names the cause and what to change."""
 
 
-def option(default: Any, unit: str, meaning: str) -> Any:
-    """Field of an options dataclass, with its unit ("" if it is no quantity) and what it means."""
-    return dataclasses.field(default=default, metadata={"unit": unit, "meaning": meaning})
+#: Smallest value of what has to be positive.
+POSITIVE = 1e-9
 
 
-def described(options: Any, prefix: str = "") -> Iterator[tuple[str, Any, str, str]]:
-    """(name, value, unit, meaning) of every option; options of options have dotted names."""
+def option(
+    default: Any,
+    unit: str,
+    meaning: str,
+    *,
+    minimum: float = 0.0,
+    maximum: float = math.inf,
+    choices: Sequence[str] = (),
+) -> Any:
+    """Field of an options dataclass.
+
+    Args:
+        default: value unless asked otherwise.
+        unit: SI unit, "" if it is no quantity.
+        meaning: one line for the user.
+        minimum, maximum: smallest and largest number, also of each element.
+        choices: what a text can be.
+    """
+    limits = {"minimum": minimum, "maximum": maximum, "choices": tuple(choices)}
+    return dataclasses.field(default=default, metadata={"unit": unit, "meaning": meaning, **limits})
+
+
+def described(options: Any) -> Iterator[tuple[str, Any, str, str]]:
+    """(name, value, unit, meaning) of every option."""
     for field in dataclasses.fields(options):
-        value = getattr(options, field.name)
-        if dataclasses.is_dataclass(value):
-            yield from described(value, f"{prefix}{field.name}.")
-        else:
-            yield prefix + field.name, value, field.metadata["unit"], field.metadata["meaning"]
+        yield field.name, getattr(options, field.name), field.metadata["unit"], field.metadata["meaning"]
 
 
-def from_plain(cls: type[T], values: dict[str, Any]) -> T:
+def from_plain(cls: type[T], values: Mapping[str, Any]) -> T:
     """Options from their plain form, as a design file keeps them.
 
     Raises:
-        DesignError: if an option is unknown or of the wrong type.
+        DesignError: if an option is unknown, of the wrong type or out of its range.
     """
     options = cls()
     for name, value in values.items():
-        if isinstance(value, dict):
-            value = from_plain(type(_field_value(options, name)), value)
-            options = dataclasses.replace(options, **{name: value})  # type: ignore[type-var]
-        else:
-            options = _replaced(options, name, value)
+        options = _replaced(options, name, value)
     return options
 
 
 def with_settings(options: T, settings: Iterable[str]) -> T:
-    """Options with settings such as `step_size=0.004` or `envelope.tilt=0.2`; values are written as in TOML.
+    """Options with settings such as `step_size=0.004`; values are written as in TOML, texts may be bare.
 
     Raises:
-        DesignError: if a setting is malformed, unknown or of the wrong type.
+        DesignError: if a setting is malformed, unknown, of the wrong type or out of its range.
     """
     for setting in settings:
         name, equals, value = setting.partition("=")
@@ -60,44 +74,50 @@ def with_settings(options: T, settings: Iterable[str]) -> T:
         try:
             parsed = tomllib.loads(f"value = {value}")["value"]
         except tomllib.TOMLDecodeError:
-            parsed = value  # a bare word is a text
-        options = _set(options, name.strip(), parsed)
+            parsed = value
+        options = _replaced(options, name.strip(), parsed)
     return options
 
 
-def _set(options: T, name: str, value: Any) -> T:
-    head, dot, rest = name.partition(".")
-    if dot:
-        inner = _field_value(options, head)
-        if not dataclasses.is_dataclass(inner):
-            raise DesignError(f"the option {head} has no parts; set it with {head}=VALUE")
-        return dataclasses.replace(options, **{head: _set(inner, rest, value)})  # type: ignore[type-var]
-    return _replaced(options, name, value)
-
-
-def _field_value(options: Any, name: str) -> Any:
-    names = [field.name for field in dataclasses.fields(options)]
-    if name not in names:
-        near = difflib.get_close_matches(name, names, n=1)
-        hint = f" (did you mean {near[0]}?)" if near else ""
-        raise DesignError(f"there is no option {name}{hint}; the options are {', '.join(names)}")
-    return getattr(options, name)
-
-
 def _replaced(options: T, name: str, value: Any) -> T:
-    _field_value(options, name)
-    hint = typing.get_type_hints(type(options))[name]
-    allowed = typing.get_args(hint) if type(None) in typing.get_args(hint) else (hint,)
+    fields = {field.name: field for field in dataclasses.fields(options)}  # type: ignore[arg-type]
+    if name not in fields:
+        near = difflib.get_close_matches(name, fields, n=1)
+        hint = f" (did you mean {near[0]}?)" if near else ""
+        raise DesignError(f"there is no option {name}{hint}; the options are {', '.join(fields)}")
+    hinted = typing.get_type_hints(type(options))[name]
+    allowed = typing.get_args(hinted) if type(None) in typing.get_args(hinted) else (hinted,)
     for kind in allowed:
         converted = _converted(value, kind)
         if converted is not _MISFIT:
+            _check_range(name, converted, fields[name].metadata)
             return dataclasses.replace(options, **{name: converted})  # type: ignore[type-var]
     wanted = " or ".join(_NAMES.get(typing.get_origin(kind) or kind, "a value") for kind in allowed)
     raise DesignError(f"the option {name} must be {wanted}, not {value!r}")
 
 
+def _check_range(name: str, value: Any, metadata: Mapping[str, Any]) -> None:
+    if isinstance(value, str) and metadata["choices"] and value not in metadata["choices"]:
+        raise DesignError(f"the option {name} must be one of {', '.join(metadata['choices'])}, not {value}")
+    for element in value if isinstance(value, tuple) else (value,):
+        if isinstance(element, float):
+            if not math.isfinite(element):
+                raise DesignError(f"the option {name} must be finite, not {element}")
+            if element < metadata["minimum"]:
+                wanted = "positive" if metadata["minimum"] == POSITIVE else f"at least {metadata['minimum']:g}"
+                raise DesignError(f"the option {name} must be {wanted}, not {element:g}")
+            if element > metadata["maximum"]:
+                raise DesignError(f"the option {name} must be at most {metadata['maximum']:g}, not {element:g}")
+
+
 _MISFIT = object()
-_NAMES = {float: "a number", bool: "true or false", str: "a text", tuple: "a list of the right length", type(None): "none"}
+_NAMES = {
+    float: "a number",
+    bool: "true or false",
+    str: "a text",
+    tuple: "a list of the right length",
+    type(None): "none",
+}
 
 
 def _converted(value: Any, kind: Any) -> Any:

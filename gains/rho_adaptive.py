@@ -20,13 +20,14 @@ from numpy.typing import NDArray
 
 from rotordx.fmus.vehicles import Vehicle
 from rotordx.gains import fault_models, inequalities
-from rotordx.gains.certificate import Design, new_design
+from rotordx.gains.certificate import CertifiedDesign, new_design
 from rotordx.gains.error_model import ObserverGain
 from rotordx.gains.fault_models import FaultObserverOptions
 from rotordx.gains.flight_model import flight_model, rate_lipschitz
 from rotordx.gains.observer_theory import OBSERVER, prove
-from rotordx.gains.options import DesignError, option
+from rotordx.gains.options import POSITIVE, DesignError, option
 from rotordx.gains.rounding import rounded, rounded_down, rounded_form, rounded_rows
+from rotordx.gains.synthesis import solved, value
 from rotordx.gains.theory import Certificate, Subject, Theory
 
 Array = NDArray[np.float64]
@@ -39,8 +40,12 @@ ROOM = 0.01
 class Options(FaultObserverOptions):
     """Options of the design."""
 
-    speed: float = option(1.0, "1", "faster (above 1) or quieter (below 1): multiplies convergence_rate and fault_rate")
-    convergence_rate: float = option(6.0, "1/s", "lambda: V' + 2 lambda V < mu_chi |chi|^2 + mu_d |d|^2")
+    speed: float = option(
+        1.0, "1", "faster (above 1) or quieter (below 1): multiplies convergence_rate and fault_rate", minimum=POSITIVE
+    )
+    convergence_rate: float = option(
+        6.0, "1/s", "lambda: V' + 2 lambda V < mu_chi |chi|^2 + mu_d |d|^2", minimum=POSITIVE
+    )
     uncertainty: tuple[float, float, float, float] = option(
         (0.3, 1.0, 1.0, 0.3), "m/s2, rad/s2", "largest unknown accelerations of v_z, p, q, r; their norm is chi_bar"
     )
@@ -49,7 +54,9 @@ class Options(FaultObserverOptions):
     modification_rate: float = option(0.3, "1", "rho_0 of the switching modification")
     window: float = option(0.2, "s", "T1 of the residual evaluation")
     initial_error: float = option(0.1, "m/s, rad/s", "bound on the norm of the initial estimation error")
-    decay_rate: float = option(2.0, "1/s", "alpha that is proved of the adaptation: errors decay at least as exp(-alpha t)")
+    decay_rate: float = option(
+        2.0, "1/s", "alpha that is proved of the adaptation: errors decay at least as exp(-alpha t)", minimum=POSITIVE
+    )
 
 
 @dataclass(frozen=True)
@@ -87,7 +94,7 @@ class DetectionProof:
     smallest_eigenvalue: float  #: bound from below on the eigenvalues of P
 
 
-def design(vehicle: Vehicle, options: Options) -> Design:
+def design(vehicle: Vehicle, options: Options) -> CertifiedDesign:
     """Observer gain, threshold constants and learning rate with their certificates.
 
     Raises:
@@ -121,7 +128,7 @@ def design(vehicle: Vehicle, options: Options) -> Design:
 
 def detection_model(vehicle: Vehicle, options: Options) -> DetectionModel:
     """Error model of the observer of v_z and body rates."""
-    constant = rate_lipschitz(vehicle, options.envelope) if options.lipschitz is None else options.lipschitz
+    constant = rate_lipschitz(vehicle, options) if options.lipschitz is None else options.lipschitz
     A = rounded(flight_model(vehicle).jacobian)
     return DetectionModel(("v_z", "p", "q", "r"), A, np.eye(4), np.eye(4), rounded(constant))
 
@@ -142,21 +149,20 @@ def detection_gain(model: DetectionModel, convergence_rate: float) -> tuple[Arra
         block=cp.bmat,
     )
     problem = cp.Problem(cp.Minimize(uncertainty_weight + noise_weight), [bound >> 0, P >> np.eye(n)])
-    problem.solve(solver=cp.CLARABEL)
-    if problem.status != cp.OPTIMAL:
+    if not solved(problem):
         raise DesignError(f"no gain converges at {convergence_rate:g} 1/s with these outputs; take a lower speed")
     # the optimum is flat: a relative change of L by 1e-4 costs 1e-8 of it
-    L, shape = rounded_rows(np.linalg.solve(P.value, PL.value), 4), rounded_form(P.value, 4)
+    L, shape = rounded_rows(np.linalg.solve(value(P), value(PL)), 4), rounded_form(value(P), 4)
     eigenvalues = np.linalg.eigvalsh(shape)
     PA = shape @ (model.A - L @ model.C)
     root = np.linalg.inv(np.linalg.cholesky(shape))
     decay_rate = -np.linalg.eigvalsh(root @ (PA + PA.T) @ root.T)[-1] / 2
     proof = DetectionProof(
         P=shape,
-        multiplier=rounded(float(multiplier.value), 6),
-        uncertainty_weight=rounded(float(uncertainty_weight.value) * (1 + ROOM), 6),
-        noise_weight=rounded(float(noise_weight.value) * (1 + ROOM), 6),
-        optimum=rounded(float(problem.value), 6),
+        multiplier=rounded(float(value(multiplier)), 6),
+        uncertainty_weight=rounded(float(value(uncertainty_weight)) * (1 + ROOM), 6),
+        noise_weight=rounded(float(value(noise_weight)) * (1 + ROOM), 6),
+        optimum=rounded(float(value(problem.objective)), 6),
         convergence_rate=convergence_rate,
         decay_rate=rounded_down(float(decay_rate) * (1 - 1e-5)),
         overshoot=rounded(float(np.sqrt(eigenvalues[-1] / eigenvalues[0])) * (1 + 1e-3), 5),
@@ -215,4 +221,5 @@ DETECTION = Theory(
     proof=DetectionProof,
     inequalities=_inequalities,
     figures=_figures,
+    formulas=(inequalities.disturbance_bound,),
 )

@@ -18,12 +18,12 @@ from numpy.typing import NDArray
 
 from rotordx.fmus.vehicles import Vehicle
 from rotordx.gains import fault_models
-from rotordx.gains.certificate import Design, new_design
+from rotordx.gains.certificate import CertifiedDesign, new_design
 from rotordx.gains.error_model import ErrorModel, ObserverGain
 from rotordx.gains.fault_models import ObserverOptions
 from rotordx.gains.flight_model import flight_model
 from rotordx.gains.observer_theory import OBSERVER, proof_inequalities, prove
-from rotordx.gains.options import option
+from rotordx.gains.options import POSITIVE, option
 from rotordx.gains.rounding import rounded
 from rotordx.gains.synthesis import Proof
 from rotordx.gains.theory import Certificate, Subject
@@ -35,16 +35,20 @@ Array = NDArray[np.float64]
 class Options(ObserverOptions):
     """Options of the design."""
 
-    speed: float = option(1.0, "1", "faster (above 1) or quieter (below 1): multiplies fault_rate")
-    fault_rate: float = option(0.3, "1/s", "how fast losses are expected to change: decides the filter of the injection")
+    speed: float = option(1.0, "1", "faster (above 1) or quieter (below 1): multiplies fault_rate", minimum=POSITIVE)
+    fault_rate: float = option(
+        0.3, "1/s", "how fast losses are expected to change: decides the filter of the injection", minimum=POSITIVE
+    )
     loe_max: float = option(0.5, "1", "largest loss of one rotor whose acceleration the sliding term cancels")
     uncertainty: tuple[float, float, float, float] = option(
         (0.5, 1.5, 1.5, 0.5), "m/s2, rad/s2", "unknown accelerations of v_z, p, q, r that it cancels besides"
     )
-    reserve: float = option(1.2, "1", "M over the largest acceleration that it has to cancel")
+    reserve: float = option(1.2, "1", "M over the largest acceleration that it has to cancel", minimum=1.01)
     linear_gain: float = option(20.0, "1/s", "k, the slope of the injection far outside the layer")
-    layer_gain: float = option(100.0, "1/s", "slope of the injection within the boundary layer")
-    decay_rate: float = option(2.0, "1/s", "alpha that is proved: errors decay at least as exp(-alpha t)")
+    layer_gain: float = option(100.0, "1/s", "slope of the injection within the boundary layer", minimum=POSITIVE)
+    decay_rate: float = option(
+        2.0, "1/s", "alpha that is proved: errors decay at least as exp(-alpha t)", minimum=POSITIVE
+    )
 
 
 @dataclass(frozen=True)
@@ -54,11 +58,11 @@ class SlidingGain(ObserverGain):
     limit: Any  #: (4, 4), diagonal of M
 
 
-def design(vehicle: Vehicle, options: Options) -> Design:
+def design(vehicle: Vehicle, options: Options) -> CertifiedDesign:
     """Closed-form gains and their certificate.
 
     The filter of the injection is the compromise between a lag behind random changes of the fault, variance
-    fault_rate^2 time_constant / 2, and noise, variance (noise / signature)^2 step_size layer_gain / (2 time_constant^2).
+    fault_rate^2 time_constant / 2, and noise, variance (noise/signature)^2 step_size layer_gain / (2 time_constant^2).
 
     Raises:
         DesignError: if the observer is unstable at the step, or nothing can be proved for the Lipschitz constant.

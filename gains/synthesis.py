@@ -21,10 +21,10 @@ from scipy.linalg import solve_continuous_are, solve_continuous_lyapunov
 from rotordx.gains import inequalities
 from rotordx.gains.discretisation import step_matrix
 from rotordx.gains.error_model import ErrorModel, ObserverGain
-from rotordx.gains.options import DesignError, option
+from rotordx.gains.options import POSITIVE, DesignError, option
 from rotordx.gains.rounding import rounded, rounded_down, rounded_form, rounded_gain
 
-Array = NDArray[np.float64]
+Array = NDArray[Any]
 
 #: Room for rounding: what is finally solved is so much stricter, relatively, than what is claimed.
 ROOM = 0.01
@@ -34,12 +34,12 @@ ROOM = 0.01
 class Requirements:
     """What is asked of the observer's dynamics, besides a small gain from disturbance and noise to error."""
 
-    decay_rate: float = option(2.0, "1/s", "alpha: errors decay at least as exp(-alpha t)")
+    decay_rate: float = option(2.0, "1/s", "alpha: errors decay at least as exp(-alpha t)", minimum=POSITIVE)
     disk_radius: float | None = option(
-        50.0, "1/s", "q: all poles within the disk around -q of radius q, which bounds the gains"
+        50.0, "1/s", "q: all poles within the disk around -q of radius q, which bounds the gains", minimum=POSITIVE
     )
     gamma_ratio: float = option(
-        1.05, "1", "gamma of the design over the smallest possible one; the room is spent on less noise"
+        1.05, "1", "gamma of the design over the smallest possible one; the room is spent on less noise", minimum=1.0
     )
 
     def with_room(self) -> Requirements:
@@ -142,16 +142,14 @@ def solve(
     scaled = _transformed(model, T, size)
     held = None if gain is None else ObserverGain(tuple(T @ L for L in gain.injections), T @ gain.direct)
     program = _Program(scaled, requirements, held, None if gamma is None else gamma / size)
-    program.constraints += [
-        inequalities.contraction(program.P, T @ step @ np.linalg.inv(T)) >> 0 for step in steps
-    ]
+    program.constraints += [inequalities.contraction(program.P, T @ step @ np.linalg.inv(T)) >> 0 for step in steps]
     if not program.solve():
         return None
     return Solution(
-        P=size**2 * T.T @ (program.P.value + program.P.value.T) / 2 @ T,
-        PL=size**2 * T.T @ program.PL[0].value,
-        multiplier=size**2 * float(program.multiplier.value),
-        gamma=size * float(np.sqrt(program.squared_gain.value)),
+        P=size**2 * T.T @ (value(program.P) + value(program.P).T) / 2 @ T,
+        PL=size**2 * T.T @ value(program.PL[0]),
+        multiplier=size**2 * float(value(program.multiplier)),
+        gamma=size * float(np.sqrt(value(program.squared_gain))),
     )
 
 
@@ -199,15 +197,24 @@ class _Program:
         return disturbances + cp.trace(slack) / 100
 
     def solve(self) -> bool:
-        """Whether there is a solution, perhaps inaccurate: what is made of it is proved or refused."""
-        problem = cp.Problem(cp.Minimize(self.objective), self.constraints)
-        with warnings.catch_warnings():
-            warnings.filterwarnings("ignore", message="Solution may be inaccurate")
-            try:
-                problem.solve(solver=cp.CLARABEL)
-            except cp.SolverError:
-                return False
-        return problem.status in (cp.OPTIMAL, cp.OPTIMAL_INACCURATE)
+        """Whether there is a solution."""
+        return solved(cp.Problem(cp.Minimize(self.objective), self.constraints))
+
+
+def solved(problem: cp.Problem) -> bool:
+    """Solve a program; whether it has a solution, perhaps inaccurate: what is made of it is proved or refused."""
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="Solution may be inaccurate")
+        try:
+            problem.solve(solver=cp.CLARABEL)
+        except cp.SolverError:
+            return False
+    return problem.status in (cp.OPTIMAL, cp.OPTIMAL_INACCURATE)
+
+
+def value(expression: Any) -> Array:
+    """Value of an expression after the program has been solved."""
+    return np.asarray(expression.value, dtype=np.float64)
 
 
 def _natural_coordinates(model: ErrorModel, decay_rate: float, gain: ObserverGain | None) -> tuple[Array, float]:
@@ -269,8 +276,8 @@ def _obstacle(model: ErrorModel, requirements: Requirements, **given: Any) -> st
     """One sentence that says why there is no solution."""
     if solve(dataclasses.replace(model, lipschitz=0.0), requirements, **given) is None:
         return (
-            f"no observer has all poles in the disk of radius {requirements.disk_radius} 1/s and decays at "
-            f"{requirements.decay_rate:g} 1/s; take a larger disk_radius or a smaller decay_rate"
+            f"no observer decays at {requirements.decay_rate:g} 1/s with all its poles in a disk of radius "
+            f"{requirements.disk_radius} 1/s; take a larger disk_radius or a smaller decay_rate"
         )
     possible, impossible = 0.0, model.lipschitz
     while impossible - possible > 0.02 * impossible:

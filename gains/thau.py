@@ -11,11 +11,11 @@ from scipy.linalg import solve_continuous_lyapunov
 
 from rotordx.fmus.vehicles import Vehicle
 from rotordx.gains import fault_models
-from rotordx.gains.certificate import Design, new_design
+from rotordx.gains.certificate import CertifiedDesign, new_design
 from rotordx.gains.error_model import ObserverGain
 from rotordx.gains.fault_models import ObserverOptions
 from rotordx.gains.observer_theory import OBSERVER, prove
-from rotordx.gains.options import DesignError, option
+from rotordx.gains.options import POSITIVE, DesignError, option
 from rotordx.gains.rounding import rounded_rows
 from rotordx.gains.theory import Certificate, Subject
 
@@ -26,9 +26,11 @@ Array = NDArray[np.float64]
 class Options(ObserverOptions):
     """Options of the design."""
 
-    speed: float = option(1.0, "1", "faster (above 1) or quieter (below 1): multiplies epsilon")
-    epsilon: float = option(100.0, "1/s", "of Lemma 1: the observer's poles lie near -epsilon; 100 gives the printed K")
-    disturbance: float = option(1.0, "rad/s2", "weight of unknown angular accelerations in w")
+    speed: float = option(1.0, "1", "faster (above 1) or quieter (below 1): multiplies epsilon", minimum=POSITIVE)
+    epsilon: float = option(
+        100.0, "1/s", "of Lemma 1: the observer's poles lie near -epsilon; 100 gives the printed K", minimum=POSITIVE
+    )
+    disturbance: float = option(1.0, "rad/s2", "weight of unknown angular accelerations in w", minimum=POSITIVE)
 
 
 def thau_gain(A: Array, C: Array, epsilon: float) -> Array:
@@ -42,11 +44,13 @@ def thau_gain(A: Array, C: Array, epsilon: float) -> Array:
     try:
         np.linalg.cholesky(P)
     except np.linalg.LinAlgError as error:
-        raise DesignError(f"Lemma 1 has no positive definite solution for epsilon = {epsilon:g}; take a larger one") from error
+        raise DesignError(
+            f"Lemma 1 has no positive definite solution for epsilon = {epsilon:g}; take a larger one"
+        ) from error
     return np.linalg.solve(P, C.T)
 
 
-def design(vehicle: Vehicle, options: Options) -> Design:
+def design(vehicle: Vehicle, options: Options) -> CertifiedDesign:
     """Gain by Lemma 1, and the Lipschitz condition that the lemma omits.
 
     Raises:

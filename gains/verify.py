@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotordx.fmus.vehicles import Vehicle, VehicleError, load_vehicle, vehicle_names
-from rotordx.gains.certificate import digest, plain, read, unplain, vehicle_parameters
+from rotordx.gains.certificate import CertifiedDesign, plain, read, signed, unplain, write
+from rotordx.gains.design import plain_hash, vehicle_parameters
 from rotordx.gains.exact import exactly, is_positive_definite
 from rotordx.gains.flight_model import model_terms_hash
 from rotordx.gains.options import DesignError, from_plain
@@ -34,6 +35,24 @@ class Check:
     what: str
     passed: bool
     detail: str = ""
+
+
+class NotProved(Exception):
+    """A design whose certificate fails; the message names the claim and the reason."""
+
+
+def write_proved(design: CertifiedDesign, folder: Path) -> Path:
+    """Write a design to `<folder>/<vehicle>/<diagnoser>.json` if its certificate holds.
+
+    Raises:
+        NotProved: if it does not.
+        DesignError: if the file cannot be written.
+    """
+    path = folder / design.vehicle / f"{design.diagnoser}.json"
+    for check in checks(signed(design), path):
+        if not check.passed:
+            raise NotProved(f"{path} is not written, its certificate fails: {check.what}: {check.detail}")
+    return write(design, folder)
 
 
 def verify(path: Path) -> list[Check]:
@@ -73,9 +92,9 @@ def _check(what: str, passed: bool, reason: str, detail: str = "") -> Check:
 def _file_checks(document: dict[str, Any], path: Path) -> Iterator[Check]:
     """Is the file as it was written, for the vehicle and the model terms as they are now?"""
     content = {key: value for key, value in document.items() if key != "digest"}
-    yield _check("digest", digest(content) == document["digest"], "the file was changed after it was written")
+    yield _check("digest", plain_hash(content) == document["digest"], "the file was changed after it was written")
     stored, hashes = document["vehicle_parameters"], document["hashes"]
-    yield _check("vehicle hash", digest(stored) == hashes["vehicle"], "it does not belong to the stored parameters")
+    yield _check("vehicle hash", plain_hash(stored) == hashes["vehicle"], "it does not belong to the stored parameters")
     vehicle = _vehicle_of(document["vehicle"], path)
     if vehicle is None:
         yield Check("vehicle", True, "no vehicle file at hand: checked for the parameters in the design")
@@ -99,7 +118,7 @@ def _vehicle_of(name: str, path: Path) -> Vehicle | None:
 def _certificate_checks(claim: dict[str, Any], subject: Subject) -> Iterator[Check]:
     theory, gain = subject.theory, subject.gain
     model, proof = unplain(theory.model, claim["model"]), unplain(theory.proof, claim["proof"])
-    different = sorted(_differences(plain(model), plain(subject.model), MODEL_TOLERANCE))
+    different = sorted(differences(plain(model), plain(subject.model), MODEL_TOLERANCE))
     yield _check("model", not different, f"{', '.join(different)} differ from what follows from the vehicle")
     exact = theory.inequalities(*exactly((model, gain, proof)))
     for name, matrix in theory.inequalities(model, gain, proof).items():
@@ -112,27 +131,34 @@ def _certificate_checks(claim: dict[str, Any], subject: Subject) -> Iterator[Che
     except np.linalg.LinAlgError as error:
         yield Check("figures", False, f"cannot be computed: {error}")
         return
-    different = sorted(_differences(claim["figures"], figures, FIGURE_TOLERANCE))
+    different = sorted(differences(claim["figures"], figures, FIGURE_TOLERANCE))
     yield _check("figures", not different, f"{', '.join(different)} do not follow from the gains")
     for name, (value, limit) in theory.limits(proof, figures).items():
         yield _check(name, value <= limit, f"{value:.6g} exceeds {limit:.6g}", f"{value:.6g} <= {limit:.6g}")
 
 
 def _smallest_eigenvalue(matrix: NDArray[np.float64]) -> float:
-    """Of the matrix scaled to a unit diagonal, so that it says something about every element; negative if it cannot be."""
+    """Of the matrix scaled to a unit diagonal, so that no element is negligible; negative if that cannot be done."""
     diagonal = np.diag(matrix)
     if diagonal.min() <= 0:
         return float(min(diagonal.min(), -1e-300))
     return float(np.linalg.eigvalsh(matrix / np.sqrt(np.outer(diagonal, diagonal)))[0])
 
 
-def _differences(first: Any, second: Any, tolerance: float, name: str = "") -> Iterator[str]:
-    """Dotted names of what differs between two trees of plain data."""
+def differences(first: Any, second: Any, tolerance: float, name: str = "") -> Iterator[str]:
+    """Dotted names of what differs between two trees of plain data; numbers relative to the largest of their array."""
     if isinstance(first, dict) and isinstance(second, dict):
         for key in first.keys() | second.keys():
-            yield from _differences(first.get(key), second.get(key), tolerance, f"{name}.{key}".lstrip("."))
+            yield from differences(first.get(key), second.get(key), tolerance, f"{name}.{key}".lstrip("."))
+    elif _dictionaries(first) and _dictionaries(second) and len(first) == len(second):
+        for i, pair in enumerate(zip(first, second, strict=True)):
+            yield from differences(*pair, tolerance, f"{name}[{i}]")
     elif not _agree(first, second, tolerance):
         yield name
+
+
+def _dictionaries(value: Any) -> bool:
+    return isinstance(value, list) and any(isinstance(v, dict) for v in value)
 
 
 def _agree(first: Any, second: Any, tolerance: float) -> bool:

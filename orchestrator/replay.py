@@ -13,6 +13,7 @@ from rotordx.fmus.vehicles import Vehicle, load_vehicle
 from rotordx.gains.flight_identification import identify_trim
 from rotordx.gains.flights import Flight
 from rotordx.orchestrator.documents import validated
+from rotordx.orchestrator.errors import UserError
 from rotordx.orchestrator.flight import fly
 from rotordx.orchestrator.logs import LoggedFlight
 from rotordx.orchestrator.recording import Recording
@@ -80,12 +81,16 @@ def _origin(logged: LoggedFlight, vehicle: Vehicle) -> dict[str, Any]:
     That balance is no diagnoser but a check of one, and of the vehicle file: it does not assume a single faulty rotor,
     and a strongly negative loss says that the vehicle is not the one any more that was identified.
     """
+    try:
+        trim = identify_trim(logged.parts, vehicle)
+    except ValueError as error:
+        raise UserError(f"{logged.path}: {error}") from error
     return {
         "log": logged.path.name,
         "signal_map": logged.signal_map.name,
         "parts_s": [[float(part.time[0]), float(part.time[-1])] for part in logged.parts],
         "notes": logged.notes,
-        MEAN_LOSS: (1 - identify_trim(logged.parts, vehicle).effectiveness).round(4).tolist(),
+        MEAN_LOSS: (1 - trim.effectiveness).round(4).tolist(),
     }
 
 

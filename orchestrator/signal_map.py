@@ -193,8 +193,8 @@ class Samples(Section):
 
     #: bridged by interpolation; a longer gap ends the airborne part
     longest_gap_s: Positive = Field(0.05, description="a time in seconds, above 0")
-    #: shorter airborne parts are left out
-    shortest_part_s: Positive = Field(2.0, description="a time in seconds, above 0")
+    #: shorter airborne parts are left out: diagnosers take about 2 s to settle
+    shortest_part_s: float = Field(3.0, ge=1, description="a time in seconds, 1 or larger")
     #: rows with an empty or non-finite cell are left out instead of having the log refused
     skip_incomplete_rows: bool = Field(False, description="true or false")
 

@@ -22,7 +22,7 @@ SYMBOLS = {"fault": "diamond", "detected": "circle", "isolated": "square"}
 def path(recording: Recording, columns: Columns, events: Events) -> Figure | None:
     """Flown and reference path in space, with the places where the fault set in and was noticed."""
     flown, reference = _positions(recording)
-    if flown is None:
+    if flown is None or not np.isfinite(flown).any():
         return None
     data = []
     if reference is not None:
@@ -45,8 +45,8 @@ def path(recording: Recording, columns: Columns, events: Events) -> Figure | Non
                 "hovertemplate": "%{fullData.name}<extra></extra>",
             }
         )
-    extent = np.nanmax(flown, axis=0) - np.nanmin(flown, axis=0)
-    sides = np.maximum(extent / max(np.nanmax(extent), 1e-9), LEAST_EXTENT).tolist()
+    extents = np.array([np.ptp(extent(coordinate)) for coordinate in flown.T])
+    sides = np.maximum(extents / extents.max(), LEAST_EXTENT).tolist()
     layout = base_layout(PATH_HEIGHT) | {
         "margin": {"t": 0, "b": 0, "l": 0, "r": 0},
         "legend": {"orientation": "h", "x": 0, "y": 0, "yanchor": "bottom", "entrywidth": 135},
@@ -65,7 +65,7 @@ def path(recording: Recording, columns: Columns, events: Events) -> Figure | Non
 def tracking(recording: Recording, columns: Columns, clock: str, events: Events) -> Figure | None:
     """Position error along north, east and down."""
     flown, reference = _positions(recording)
-    if flown is None or reference is None:
+    if flown is None or reference is None or not np.isfinite(flown).any():
         return None
     rows = []
     for i, direction in enumerate(("north", "east", "down")):

@@ -16,6 +16,8 @@ from rotordx.fmus.vehicles import Vehicle, load_vehicle
 
 STEP = 0.002
 
+packaged = functools.cache(load_vehicle)
+
 
 class Component:
     """One instance of a component; its log messages are in `messages`.
@@ -35,12 +37,16 @@ class Component:
         self.set(**{**known, **parameters})
 
     def set(self, **values) -> None:
+        references, elements = [], []
         for name, value in values.items():
             reference, port = self.declared[name]
             if port.choices:
                 self.fmu.setInt64([reference], [port.choices.index(value)])
             else:
-                self.fmu.setFloat64([reference], np.atleast_1d(np.asarray(value, float)).tolist())
+                references.append(reference)
+                elements.extend(np.ravel(value).tolist())
+        if references:
+            self.fmu.setFloat64(references, elements)
 
     def initialise(self, start_time: float = 0.0, **inputs) -> Component:
         self.time, self.steps = start_time, 0
@@ -93,7 +99,7 @@ def component(fmus):
     made = []
 
     def make(name: str, vehicle: str | Vehicle = "lab_x", **parameters) -> Component:
-        loaded = vehicle if isinstance(vehicle, Vehicle) else load_vehicle(vehicle)
+        loaded = vehicle if isinstance(vehicle, Vehicle) else packaged(vehicle)
         made.append(Component(name, *fmus(name), loaded, **parameters))
         return made[-1]
 

@@ -58,9 +58,7 @@ def share_of(achieved, demanded):
 
 
 @pytest.mark.parametrize("vehicle", ["lab_x", "crazyflie"])
-@settings(
-    max_examples=150, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@settings(max_examples=80, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(frame=frames, sample=samples)
 def test_demands_are_met_or_cut_in_order(component, vehicle, frame, sample):
     parameters = shaped(vehicle, frame)

@@ -2,18 +2,22 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 STEP = 0.002
 GRAVITY, MASS, INERTIA, DRAG, MOTOR_LAG, LEAD = 9.81, 1.5, np.array([0.022, 0.024, 0.040]), 0.25, 0.03, 1.5
+SAMPLE = [f"{name}_reference" for name in ("position", "velocity", "acceleration", "euler")] + [
+    "position",
+    "velocity",
+    "euler",
+    "body_rate",
+]
 BANDWIDTH, GYRO_BANDWIDTH, TILT, VERTICAL = 20.0, 220.0, 0.35, 6.0
 
 
 def about(axis, angle):
     """Rotation matrix about one axis."""
-    c, s = np.cos(angle), np.sin(angle)
-    return np.insert(
-        np.insert(np.array([[c, -s], [s, c]] if axis != 1 else [[c, s], [-s, c]]), axis, 0, 0), axis, 0, 1
-    ) + (np.diag(np.eye(3)[axis]))
+    return Rotation.from_euler(axis, angle).as_matrix()
 
 
 def acceleration(x):
@@ -26,7 +30,7 @@ def acceleration(x):
 
 def tilt(a, yaw):
     """Roll and pitch of the attitude with this yaw whose z axis points along gravity minus a."""
-    down = about(2, yaw).T @ (np.array([0, 0, GRAVITY]) - a)
+    down = about("z", yaw).T @ (np.array([0, 0, GRAVITY]) - a)
     roll = np.arcsin(-down[1] / np.linalg.norm(down))
     return np.clip([roll, np.arctan2(down[0], down[2])], -TILT, TILT)
 
@@ -35,8 +39,8 @@ def torque(x, command):
     angle_error = command - x["euler"]
     angle_error[2] = (angle_error[2] + np.pi) % (2 * np.pi) - np.pi
     roll_rate, pitch_rate, yaw_rate = [6.0, 6.0, 2.5] * angle_error + [0, 0, x["yaw_rate_reference"]]
-    to_body = about(0, x["euler"][0]).T  # the axes that roll, pitch and yaw turn about, one after the other
-    body_rate = [roll_rate, 0, 0] + to_body @ ([0, pitch_rate, 0] + about(1, x["euler"][1]).T @ [0, 0, yaw_rate])
+    to_body = about("x", x["euler"][0]).T  # the axes that roll, pitch and yaw turn about, one after the other
+    body_rate = [roll_rate, 0, 0] + to_body @ ([0, pitch_rate, 0] + about("y", x["euler"][1]).T @ [0, 0, yaw_rate])
     error = body_rate - (1 - np.exp(-GYRO_BANDWIDTH * STEP)) * x["body_rate"]
     lead = LEAD - (LEAD - 1) * (1 - np.exp(-LEAD * STEP / MOTOR_LAG))
     return INERTIA * lead * [16, 16, 6] * error
@@ -46,12 +50,7 @@ def torque(x, command):
 def test_the_first_command_follows_the_equations(component, violence):
     rng = np.random.default_rng(0)
     for _ in range(40):
-        size = {"yaw_rate_reference": None} | dict.fromkeys(
-            ["position_reference", "velocity_reference", "acceleration_reference", "euler_reference"]
-            + ["position", "velocity", "euler", "body_rate"],
-            3,
-        )
-        x = {name: violence * rng.normal(size=n) for name, n in size.items()}
+        x = {name: violence * rng.normal(size=3) for name in SAMPLE} | {"yaw_rate_reference": violence * rng.normal()}
         x["euler"][:2] *= 0.5
         controller = component("controller").initialise()
         controller.step(**x)
@@ -76,19 +75,18 @@ def test_a_reference_that_the_sensors_show_late_is_no_error(component):
     np.testing.assert_allclose(controller["euler_command"][:2], tilt(demand, 0.0))
 
 
-def test_integrals_act_at_their_gains(component):
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_integrals_act_at_their_gains(component, axis):
     """Position a little off for 0.2 s: the demand has grown by gain times error times time."""
     controller = component("controller").initialise()
-    error = np.array([0.01, -0.02, 0.03])
-    controller.step(position_reference=error)
-    first = controller["thrust_command"][0], controller["euler_command"][:2]
-    for _ in range(100):
+    error = 0.01 * np.eye(3)[axis]
+    demands = []
+    for _ in range(101):
         controller.step(position_reference=error)
-    grown = [0.5, 0.5, 2.5] * error * 0.2
-    assert controller["thrust_command"][0] - first[0] == pytest.approx(-MASS * grown[2])
-    np.testing.assert_allclose(
-        controller["euler_command"][:2] - first[1], [grown[1] / GRAVITY, -grown[0] / GRAVITY], rtol=0.02
-    )
+        roll, pitch, _ = controller["euler_command"]
+        thrust = controller["thrust_command"][0] / MASS
+        demands.append([-GRAVITY * np.tan(pitch), GRAVITY * np.tan(roll), GRAVITY - thrust][axis])
+    assert demands[-1] - demands[0] == pytest.approx([0.5, 0.5, 2.5][axis] * 0.01 * 0.2, rel=1e-3)
 
 
 def test_attitude_mode_leaves_the_horizontal_integrals_alone(component):

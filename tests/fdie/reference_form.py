@@ -40,23 +40,24 @@ def coupling(rate, rotor_speed, vehicle):
 
 
 @cache
-def held(rate, dt):
-    """(a, b) of x+ = a x + b u for x' = -rate x + u, by a matrix exponential."""
-    block = expm(np.array([[-rate, 1.0], [0.0, 0.0]]) * dt)
-    return block[0, 0], block[0, 1]
+def held(rates, dt):
+    """(a, b) of x+ = a x + b u for x' = -rate x + u and a tuple of rates, by matrix exponentials."""
+    blocks = [expm(np.array([[-rate, 1.0], [0.0, 0.0]]) * dt) for rate in rates]
+    return np.array([block[0, 0] for block in blocks]), np.array([block[0, 1] for block in blocks])
 
 
 class VerticalFilter:
-    """F(s) = w0^2 / (s + w0)^2 on one signal; returns the mean of its output over the step."""
+    """F(s) = w0^2 / (s + w0)^2 on several signals; returns the means of its outputs over the step."""
 
-    def __init__(self, bandwidth, dt, value):
+    def __init__(self, bandwidth, dt, values):
         w = bandwidth
-        self.transition = expm(np.array([[0, 1, 0], [-w * w, -2 * w, w * w], [0, 0, 0.0]]) * dt)[:2]
-        self.state = np.array([value, 0.0])
+        transition = expm(np.array([[0, 1, 0], [-w * w, -2 * w, w * w], [0, 0, 0.0]]) * dt)
+        self.own, self.driven = transition[:2, :2], transition[:2, 2:]
+        self.state = np.array([values, np.zeros(len(values))])
 
-    def __call__(self, value):
+    def __call__(self, values):
         before = self.state
-        self.state = self.transition @ np.append(before, value)
+        self.state = self.own @ before + self.driven * values
         return (before[0] + self.state[0]) / 2
 
 
@@ -65,6 +66,8 @@ class ReferenceFdie:
 
     def __init__(self, parameters: SimpleNamespace, vehicle: SimpleNamespace, dt: float):
         self.p, self.vehicle, self.dt = parameters, vehicle, dt
+        self.detection_hold = held(tuple(parameters.observer_gain), dt)
+        self.isolation_hold = held(tuple(parameters.isolation_gain), dt)
         self.matrix = allocation(vehicle)
         self.first_time = None
         self.detected = False
@@ -91,7 +94,7 @@ class ReferenceFdie:
         if self.first_time is None:
             self.first_time, self.zeta = time, zeta
             self.speed, self.old_speed = command.copy(), command.copy()
-            self.filters = None
+            self.filter = None
             f, h, old, bound = self.known(command, euler, zeta)
             self.zeta_hat = zeta.copy()
             self.bound = bound / self.p.observer_gain
@@ -129,63 +132,51 @@ class ReferenceFdie:
         transient = G * (self.matrix @ command**2) - u
         bound = p.bound_constant + p.bound_slope * abs(u + hover) + p.bound_transient_slope * abs(transient)
 
-        vertical = [f[0], bound[0], *h[:, 0], *old[:, 0]]
-        if self.filters is None:
-            self.filters = [VerticalFilter(p.velocity_filter_bandwidth, dt, value) for value in vertical]
-        vertical = [filt(value) for filt, value in zip(self.filters, vertical, strict=True)]
+        vertical = np.array([f[0], bound[0], *h[:, 0], *old[:, 0]])
+        self.filter = self.filter or VerticalFilter(p.velocity_filter_bandwidth, dt, vertical)
+        vertical = self.filter(vertical)
         f[0] = vertical[0] - v.drag_coefficient / v.mass * middle[0]
         bound[0] = vertical[1]
         h[:, 0], old[:, 0] = vertical[2:6], vertical[6:10]
         return f, h, old, bound
 
-    def corrected(self, estimate, zeta, f, rate):
+    def corrected(self, estimate, zeta, f, hold):
         """zeta_hat after the step: from the error a e + b ((zeta+ - zeta) / dt - f)."""
-        result = np.zeros(4)
-        for j in range(4):
-            a, b = held(rate[j], self.dt)
-            result[j] = zeta[j] - (a * (self.zeta[j] - estimate[j]) + b * ((zeta[j] - self.zeta[j]) / self.dt - f[j]))
-        return result
+        a, b = hold
+        return zeta - (a * (self.zeta - estimate) + b * ((zeta - self.zeta) / self.dt - f))
 
     def detection_step(self, zeta, f, bound):
-        self.zeta_hat = self.corrected(self.zeta_hat, zeta, f, self.p.observer_gain)
-        for j in range(4):
-            a, b = held(self.p.observer_gain[j], self.dt)
-            self.bound[j] = a * self.bound[j] + b * bound[j]
+        a, b = self.detection_hold
+        self.zeta_hat = self.corrected(self.zeta_hat, zeta, f, self.detection_hold)
+        self.bound = a * self.bound + b * bound
 
     def isolation_step(self, zeta, f, h, bound):
+        a, b = self.isolation_hold
         for s in range(4):
             theta = self.theta_hat[s]
             kappa = max(theta, self.p.loe_max - theta)
-            error = self.zeta - self.zeta_hat_s[s]
-            gradient = self.p.learning_rate * (h[s] @ error)
-            self.zeta_hat_s[s] = self.corrected(self.zeta_hat_s[s], zeta, f + theta * h[s], self.p.isolation_gain)
-            for j in range(4):
-                a, b = held(self.p.isolation_gain[j], self.dt)
-                self.mu[s, j] = a * self.mu[s, j] + b * (kappa * abs(h[s, j]) + bound[j])
-            self.theta_hat[s] = np.clip(theta + self.dt * gradient, 0, self.p.loe_max)
+            gradient = self.p.learning_rate * (h[s] @ (self.zeta - self.zeta_hat_s[s]))
+            self.zeta_hat_s[s] = self.corrected(self.zeta_hat_s[s], zeta, f + theta * h[s], self.isolation_hold)
+            self.mu[s] = a * self.mu[s] + b * (kappa * abs(h[s]) + bound)
+            self.theta_hat[s] = min(max(theta + self.dt * gradient, 0), self.p.loe_max)
 
     def set_step(self, zeta, f, h, old, bound):
-        p = self.p
-        self.zeta_hat_set = self.corrected(self.zeta_hat_set, zeta, f, p.observer_gain)
-        e = zeta - self.zeta_hat_set
+        p, (a, b) = self.p, self.detection_hold
+        self.zeta_hat_set = self.corrected(self.zeta_hat_set, zeta, f, self.detection_hold)
+        self.set_bound = a * self.set_bound + b * bound
+        e, width = zeta - self.zeta_hat_set, self.set_bound + p.detection_noise_floor
         forget = np.exp(-self.dt / p.estimate_memory_time)
-        self.evidence, self.information = forget * self.evidence, forget * self.information
-        for j in range(4):
-            a, b = held(p.observer_gain[j], self.dt)
-            self.set_bound[j] = a * self.set_bound[j] + b * bound[j]
-            width = self.set_bound[j] + p.detection_noise_floor[j]
-            for s in range(4):
-                self.H[s, j] = a * self.H[s, j] + b * h[s, j]
-                self.S[s, j] = a * self.S[s, j] + b * old[s, j]
-                expected = (self.H[s, j] - self.S[s, j] / 2) / (width + 1e-9)
-                self.evidence[s] += expected * e[j] / (width + 1e-9)
-                self.information[s] += expected**2
-                full, certain = abs(self.H[s, j]), abs(self.H[s, j]) - abs(self.S[s, j])
-                towards = e[j] * np.sign(self.H[s, j])
-                if not self.set_excluded[s] and full > 1e-9:
-                    self.lower[s] = max(self.lower[s], (towards - width) / full)
-                if not self.set_excluded[s] and certain > 1e-9:
-                    self.upper[s] = min(self.upper[s], (towards + width) / certain)
+        for s in range(4):
+            self.H[s] = a * self.H[s] + b * h[s]
+            self.S[s] = a * self.S[s] + b * old[s]
+            expected = (self.H[s] - self.S[s] / 2) / (width + 1e-9)
+            self.evidence[s] = forget * self.evidence[s] + expected @ (e / (width + 1e-9))
+            self.information[s] = forget * self.information[s] + expected @ expected
+            towards, full = e * np.sign(self.H[s]), abs(self.H[s])
+            certain = full - abs(self.S[s])
+            if not self.set_excluded[s]:
+                self.lower[s] = max(self.lower[s], *((towards - width) / full)[full > 1e-9])
+                self.upper[s] = min(self.upper[s], *((towards + width) / certain)[certain > 1e-9])
         self.set_excluded |= self.lower > self.upper
 
     def decide(self, time, zeta):
@@ -195,11 +186,13 @@ class ReferenceFdie:
             self.paper_excluded |= (abs(error) > self.mu + p.isolation_noise_floor).any(axis=1)
             self.name("paper", "paper_isolation_time", self.paper_excluded, 0.0, time)
             self.name("set", "set_isolation_time", self.set_excluded, p.dwell_time, time)
-        elif time - self.first_time > p.warm_up_time - self.dt / 2:
-            if (abs(zeta - self.zeta_hat) > self.bound + p.detection_noise_floor).any():
-                self.detected, self.times["detection_time"] = True, time
+        elif time - self.first_time > p.warm_up_time - self.dt / 2 and self.exceeds(zeta):
+            self.detected, self.times["detection_time"] = True, time
         if self.times["detection_time"] == time or not self.detected:
             self.restart_isolation(zeta)
+
+    def exceeds(self, zeta):
+        return (abs(zeta - self.zeta_hat) > self.bound + self.p.detection_noise_floor).any()
 
     def name(self, rule, time_name, excluded, dwell, time):
         left = np.flatnonzero(~excluded)

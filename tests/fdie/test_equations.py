@@ -19,7 +19,7 @@ from rotordx.fmus.vehicles.parameters import VehicleParameters
 from rotordx.fmus.vehicles.spread import perturbed
 from tests.equations import paper_model
 from tests.fdie.reference_form import ReferenceFdie
-from tests.fdie.world import DT, FILTER_BANDWIDTH, IDEAL, Diagnosers, World, parameter_values
+from tests.fdie.world import DT, IDEAL, Diagnosers, World, parameter_values
 
 SKEWED = perturbed(load_vehicle("lab_x"), np.random.default_rng(3), scale=5).fill(VehicleParameters)
 
@@ -108,9 +108,7 @@ def test_no_channel_excludes_a_loss_that_explains_it(loss, full, share, part, no
 
 def test_without_memory_and_noise_the_loss_is_known_exactly():
     signature = np.outer([1.0, -2.0, 3.0, -0.5], np.ones(4))
-    least, most = set_membership.allowed_loss(
-        SX(0.3 * signature[:, 0]), SX.zeros(4), SX(signature), SX.zeros(4, 4)
-    )
+    least, most = set_membership.allowed_loss(SX(0.3 * signature[:, 0]), SX.zeros(4), SX(signature), SX.zeros(4, 4))
     np.testing.assert_allclose(np.array(least.nonzeros(), float), 0.3, rtol=1e-14)
     np.testing.assert_allclose(np.array(most.nonzeros(), float), 0.3, rtol=1e-14)
 
@@ -129,7 +127,7 @@ def history(diagnoser, steps=1500, loss=0.25, rotor=2, onset=1.0):
     world = World(1, 5, np.array([onset]), np.array([rotor]), np.array([loss]))
     diagnosers = Diagnosers(1, diagnoser, **IDEAL)
     reference = ReferenceFdie(SimpleNamespace(**parameter_values(**IDEAL)), world.vehicle, DT)
-    reference.first_time, reference.filters = 0.0, None
+    reference.first_time, reference.filter = 0.0, None
     reference.zeta, reference.speed, reference.old_speed = world.zeta[0], world.command[0], world.command[0]
     rows, bounds, signatures = [], [], []
     for k in range(steps):
@@ -198,22 +196,6 @@ def flight(diagnoser):
     return history(diagnoser)
 
 
-@pytest.fixture(scope="module")
-def continuous_flight():
-    """Samples (command, state of `motion`) of 2.5 s of exact continuous motion under commands held for a step."""
-    vehicle = load_vehicle("lab_x").fill(VehicleParameters)
-    x = np.zeros(13)
-    x[7:11] = swaying_command(0.0, x, vehicle)
-    samples = [(x[7:11].copy(), x)]
-    for k in range(1, 1251):
-        target = swaying_command(k * DT, x, vehicle)
-        for _ in range(2):
-            x = runge_kutta(motion, x, DT / 2, target, vehicle)
-        samples.append((target, x))
-    assert all(abs(x[1:3]).max() < 0.7 for _, x in samples)  # flown upright
-    return samples
-
-
 @pytest.mark.parametrize("gain", [8.0, 50.0, 200.0])
 def test_discretisation_is_a_small_uncertainty(diagnoser, continuous_flight, gain):
     """No noise, exact model: l |epsilon| <= 0.01 m/s2, rad/s2 once the start is forgotten (00-conventions)."""
@@ -223,35 +205,3 @@ def test_discretisation_is_a_small_uncertainty(diagnoser, continuous_flight, gai
         zeta = np.array([[x[11], *x[4:7]]])
         residuals.append(diagnosers.sample(k * DT, command[None], x[None, 1:4], zeta)["residual"][0])
     assert gain * np.max(np.abs(residuals[500:])) <= 0.01
-
-
-def swaying_command(t, x, vehicle):
-    """Rotor speeds that sway the vehicle about all axes and keep it upright."""
-    hover = np.sqrt(vehicle.mass * vehicle.gravity / vehicle.thrust_coefficient.sum())
-    sway = np.array([25 * np.cos(7 * t), 20 * np.cos(5 * t), 60 * np.cos(3 * t), 15 * np.cos(4 * t)])
-    hold = np.array([*(-60 * x[1:4] - 15 * x[4:7]), 40 * x[0]])
-    signs = np.array([[1, -1, -1, 1], [1, 1, -1, -1], [1, -1, 1, -1], [1, 1, 1, 1]])
-    return hover + (sway + hold) @ signs
-
-
-def motion(x, target, vehicle):
-    """Time derivative of [v_z, euler, body rates, rotor speeds, filtered v_z and its rate], exactly as in the paper."""
-    velocity, euler, rate, speed, filtered, slope = x[0], x[1:4], x[4:7], x[7:11], x[11], x[12]
-    return np.array(
-        [
-            paper_model.acceleration(np.array([0, 0, velocity]), euler, speed, vehicle)[2],
-            *paper_model.euler_rate(euler, rate),
-            *paper_model.angular_acceleration(euler, rate, speed, vehicle),
-            *((target - speed) / vehicle.motor_time_constant),
-            slope,
-            FILTER_BANDWIDTH**2 * (velocity - filtered) - 2 * FILTER_BANDWIDTH * slope,
-        ]
-    )
-
-
-def runge_kutta(function, x, dt, *arguments):
-    k1 = function(x, *arguments)
-    k2 = function(x + dt / 2 * k1, *arguments)
-    k3 = function(x + dt / 2 * k2, *arguments)
-    k4 = function(x + dt * k3, *arguments)
-    return x + dt / 6 * (k1 + 2 * k2 + 2 * k3 + k4)

@@ -157,7 +157,7 @@ class World:
         """xi_bar over the present step, before F."""
         lagged = self._gain() * (lagged_speed**2 @ self.matrix.T)
         transient = self._gain() * (self.command**2 @ self.matrix.T) - lagged
-        effort = lagged + [self.vehicle.gravity, 0, 0, 0]
+        effort = lagged + np.array([self.vehicle.gravity, 0, 0, 0])
         b = self.bound_terms
         return b["bound_constant"] + b["bound_slope"] * abs(effort) + b["bound_transient_slope"] * abs(transient)
 

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import ctypes
+
 import fmpy
 import numpy as np
 import pytest
 from fmi_driver import FMUS, STEP
+from fmpy.fmi2 import fmi2LastSuccessfulTime, fmi2Terminated
 from fmpy.validation import validate_fmu
 
 from rotordx.fmus import fmu_path
@@ -54,14 +57,28 @@ def test_descriptions_agree_with_the_declarations(name, fmi, instantiate):
 
 
 @pytest.mark.parametrize(("name", "fmi"), FMUS)
-def test_model_identifier_and_independent_time(name, fmi, instantiate):
-    instance = instantiate(name, fmi)
-    assert instance.description.coSimulation.modelIdentifier == name
-    if fmi == 3:
-        [time] = [v for v in instance.description.modelVariables if v.causality == "independent"]
-        instance.initialise(start_time=1.5)
-        instance.step()
-        assert instance.fmu.getFloat64([time.valueReference]) == [1.5 + STEP]
+def test_model_identifier_is_the_name(name, fmi, instantiate):
+    assert instantiate(name, fmi).description.coSimulation.modelIdentifier == name
+
+
+def test_fmi2_reports_the_time_reached(instantiate):
+    instance = instantiate("null", 2)
+    instance.initialise(start_time=1.5)
+    instance.step(3 * STEP)
+    time, terminated = ctypes.c_double(), ctypes.c_int(1)
+    instance.fmu.fmi2GetRealStatus(instance.fmu.component, fmi2LastSuccessfulTime, time)
+    assert time.value == 1.5 + 3 * STEP
+    instance.fmu.fmi2GetBooleanStatus(instance.fmu.component, fmi2Terminated, terminated)
+    assert terminated.value == 0
+
+
+def test_fmi3_reports_the_time_reached(instantiate):
+    instance = instantiate("null", 3)
+    [time] = [v for v in instance.description.modelVariables if v.causality == "independent"]
+    instance.initialise(start_time=1.5)
+    assert instance.fmu.getFloat64([time.valueReference]) == [1.5]
+    assert instance.fmu.doStep(1.5, 3 * STEP) == (False, False, False, 1.5 + 3 * STEP)
+    assert instance.fmu.getFloat64([time.valueReference]) == [1.5 + 3 * STEP]
 
 
 def run_in_ecos(name, inputs, outputs, steps):
@@ -87,7 +104,8 @@ def test_another_importer_gives_the_same_final_values(instantiate):
     instance.initialise()
     for port, values in constant.items():
         instance.set(port, values)
-    for _ in range(2000):
+    steps = 2000
+    for _ in range(steps):
         instance.step()
     inputs = {e: v for port in constant for e, v in zip(instance.ports[port].elements, constant[port], strict=True)}
     outputs = {
@@ -96,6 +114,6 @@ def test_another_importer_gives_the_same_final_values(instantiate):
         for e, v in zip(instance.ports[port].elements, values, strict=True)
     }
 
-    elsewhere = run_in_ecos("fdie", inputs, outputs, 2000)
+    elsewhere = run_in_ecos("fdie", inputs, outputs, steps)
     np.testing.assert_array_equal(list(elsewhere.values()), list(outputs.values()))
     assert outputs["fault_detected"] == 1, "the comparison is of something that happens"

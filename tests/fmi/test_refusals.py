@@ -81,6 +81,18 @@ def test_parameters_out_of_range(name, fmi, instantiate):
 
 
 @VERSIONS
+def test_parameters_that_contradict_each_other(fmi, instantiate):
+    instance = instantiate("controller", fmi)
+    instance.enter_initialisation()
+    instance.set("rotor_speed_min", 1000.0)
+    sentence = "logStatusError: rotor_speed_min must be below rotor_speed_max"
+    assert refused(instance, instance.fmu.exitInitializationMode) == sentence
+    assert refused(instance, instance.get, "rotor_speed_command") == sentence
+    instance.set("rotor_speed_min", 100.0)
+    instance.fmu.exitInitializationMode()
+
+
+@VERSIONS
 def test_enumeration_values_that_do_not_exist(fmi, instantiate):
     instance = instantiate("reference", fmi)
     for value in (-1, 6):

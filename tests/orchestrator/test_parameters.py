@@ -120,6 +120,7 @@ def test_an_enumeration_is_given_by_name_or_number(system, short):
         ({"parameters": {"trajectory": "cirle"}}, r"parameters.trajectory is 'cirle' but must be one of hover, circle"),
         ({"parameters": {"trajectory": 17}}, "parameters.trajectory is 17 but must be one of hover"),
         ({"parameters": {"mass": -1.0}}, "parameters.mass is -1 but must be from 1e-12 to inf .kg: "),
+        ({"parameters": {"tilt_limit": 2.0}}, r"parameters.tilt_limit is 2 but must be from 0 to 1 .rad: "),
         ({"parameters": {"mass": [1.0, 2.0]}}, "parameters.mass is .* but must be one value"),
         ({"parameters": {"inertia": [1.0, 2.0]}}, "parameters.inertia is .* but must be a list of 3 numbers"),
         ({"parameters": {"inertia": [1.0, 2.0, -3.0]}}, r"parameters.inertia\[2\] is -3 but must be from"),

@@ -220,7 +220,7 @@ def test_short_parts_are_left_out_with_a_note(read):
     height = (time < 1.0) | (time > 5.0)
     flight = read(foreign_log(time) | {"height": 1.0 * height}, airborne={"column": "height", "above": 0.5})
     assert len(flight.parts) == 1
-    assert flight.notes == ["1 airborne part(s) shorter than 2 s were left out"]
+    assert flight.notes == ["1 airborne part(s) shorter than 3 s were left out"]
 
 
 def test_incomplete_rows_are_skipped_only_if_the_mapping_says_so(read):
@@ -268,7 +268,7 @@ def corrupt(columns, name, row, value):
         (lambda c: c | {"t_ms": 1e7 * (c["t_ms"] - c["t_ms"][0])}, "correct the unit of .time."),
         (lambda c: {k: v[:0] for k, v in c.items()}, "has no rows; give a log"),
         (lambda c: {k: v[:1] for k, v in c.items()}, "has 1 complete row"),
-        (lambda c: {k: v[:50] for k, v in c.items()}, "no airborne part of at least 2 s is left"),
+        (lambda c: {k: v[:50] for k, v in c.items()}, "no airborne part of at least 3 s is left"),
     ],
 )
 def test_unusable_logs_are_refused_by_file_column_and_row(read, change, message):

@@ -7,6 +7,7 @@ import pytest
 
 from rotordx.fmus.vehicles import load_vehicle
 from rotordx.orchestrator import metrics, results
+from rotordx.orchestrator.errors import UserError
 from rotordx.orchestrator.logs import read_flight
 from rotordx.orchestrator.replay import replay
 from rotordx.orchestrator.signal_map import load_signal_map
@@ -111,3 +112,10 @@ def test_a_known_loss_is_scored(broken_rotor, craft, write_csv, write_map, mappi
     score = metrics.score(replay(flight, str(craft), ["fdie"], {3: 0.2}), "fdie")
     assert score["isolation_correct"] is True
     assert score["loe_final_error"] == pytest.approx(0, abs=0.03)
+
+
+def test_a_log_in_which_a_rotor_does_not_turn_is_refused(broken_rotor, replayed):
+    columns = foreign_log_of(broken_rotor)
+    columns["m2"] = 0 * columns["m2"]
+    with pytest.raises(UserError, match=r"flight\.csv.* rotor 2 was commanded to lift next to nothing"):
+        replayed(columns)

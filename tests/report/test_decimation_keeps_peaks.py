@@ -91,5 +91,5 @@ def test_columns_share_one_budget():
         for i in range(count):
             columns.add(clock, str(i), np.sin(time + i))
         sizes.append(sum(len(column["base64"]) for column in columns.encode().values()))
-    assert sizes[1] < 1.1e6
+    assert sizes[1] < 0.7e6
     assert sizes[1] < 3 * sizes[0]  # for ten times the columns

@@ -1,0 +1,67 @@
+"""The designs that come with the packaged vehicles: all of them, made again and proved.
+
+python -m rotordx.gains.packaged
+
+A file is written only if something in it has changed by more than solvers differ from processor to processor.
+"""
+
+from __future__ import annotations
+
+import json
+from importlib import import_module, resources
+from pathlib import Path
+from time import perf_counter
+
+from rotordx.fmus.vehicles import load_vehicle, vehicle_names
+from rotordx.gains.certificate import CertifiedDesign, signed
+from rotordx.gains.commands import designable
+from rotordx.gains.options import with_settings
+from rotordx.gains.verify import differences, write_proved
+
+#: Relative agreement, per array, of two designs that count as the same.
+TOLERANCE = 1e-4
+
+#: Settings that are not the defaults: learning rate and leak of the paper that the vehicle comes from.
+SETTINGS: dict[tuple[str, str], tuple[str, ...]] = {
+    ("f450_plus", "adaptive_thau"): ("learning_rate=[0.005, 0.005, 0.005]",),
+    ("f450_plus", "asmto"): ("learning_rate=[0.005, 0.005, 0.005]",),
+}
+
+
+def packaged_designs() -> Path:
+    """Folder of the packaged designs, one folder per vehicle in it."""
+    return Path(str(resources.files("rotordx.fmus.vehicles"))) / "designs"
+
+
+def make(vehicle: str, diagnoser: str) -> CertifiedDesign:
+    """Design the gains of a diagnoser for a packaged vehicle, as they are packaged."""
+    module = import_module(f"rotordx.gains.{diagnoser}")
+    options = with_settings(module.Options(), SETTINGS.get((vehicle, diagnoser), ()))
+    design: CertifiedDesign = module.design(load_vehicle(vehicle), options)
+    return design
+
+
+def same(design: CertifiedDesign, path: Path) -> bool:
+    """Whether a file holds a design, up to the tolerance."""
+    try:
+        stored = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return False
+    new = signed(design)
+    return not list(differences(stored | {"digest": ""}, new | {"digest": ""}, TOLERANCE))
+
+
+def main() -> None:
+    """Make all packaged designs; print what changed, and the time for each vehicle."""
+    folder = packaged_designs()
+    for vehicle in vehicle_names():
+        start = perf_counter()
+        for diagnoser in designable():
+            design = make(vehicle, diagnoser)
+            if not same(design, folder / vehicle / f"{diagnoser}.json"):
+                print(write_proved(design, folder))
+        print(f"{vehicle}: {len(designable())} diagnosers in {perf_counter() - start:.1f} s")
+
+
+if __name__ == "__main__":
+    main()
