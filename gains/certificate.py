@@ -110,10 +110,10 @@ def write(design: CertifiedDesign, folder: Path) -> Path:
 
 
 def read(path: Path) -> dict[str, Any]:
-    """Plain data of a design file.
+    """Plain data of a design file, certified or identified from flights.
 
     Raises:
-        DesignError: if it is not a design file of this version.
+        DesignError: if it is neither, or of another version.
     """
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
@@ -121,8 +121,8 @@ def read(path: Path) -> dict[str, Any]:
         raise DesignError(f"{path} cannot be read ({error.strerror}); give the path of a design file") from error
     except ValueError as error:
         raise DesignError(f"{path} is not JSON ({error}); give the path of a design file") from error
-    if not isinstance(content, dict) or content.get("schema") != SCHEMA:
-        found = content.get("schema") if isinstance(content, dict) else None
+    found = content.get("schema") if isinstance(content, dict) else None
+    if found != SCHEMA and not (isinstance(content, dict) and "identified_from" in content):
         raise DesignError(f"{path} has the schema {found!r}, not {SCHEMA!r}; design it anew with this version")
     return content
 

@@ -167,7 +167,7 @@ def _chosen(vehicle: Vehicle, gains: Mapping[str, float | Sequence[float]]) -> P
     if unknown := set(gains) - set(known):
         raise ValueError(f"fdie has no parameter {', '.join(sorted(unknown))}; it has {', '.join(known)}")
     sensors = vehicle.fill(SensorParameters)
-    values = {name: p.start if p.shape else p.start[0] for name, p in known.items()}
+    values: dict[str, Any] = {name: p.start if p.shape else p.start[0] for name, p in known.items()}
     values |= {"velocity_filter_bandwidth": sensors.velocity_filter_bandwidth, **gains}
     return Parameters(**{name: np.array(v, float) if known[name].shape else float(v) for name, v in values.items()})
 

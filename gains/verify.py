@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import importlib
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +14,7 @@ from numpy.typing import NDArray
 
 from rotordx.fmus.vehicles import Vehicle, VehicleError, load_vehicle, vehicle_names
 from rotordx.gains.certificate import CertifiedDesign, plain, read, signed, unplain, write
-from rotordx.gains.design import plain_hash, vehicle_parameters
+from rotordx.gains.design import plain_hash, vehicle_hash, vehicle_parameters
 from rotordx.gains.exact import exactly, is_positive_definite
 from rotordx.gains.flight_model import model_terms_hash
 from rotordx.gains.options import DesignError, from_plain
@@ -61,7 +60,18 @@ def verify(path: Path) -> list[Check]:
     Raises:
         DesignError: if it is not a design file.
     """
-    return list(checks(read(path), path))
+    document = read(path)
+    return list(checks(document, path) if "certificates" in document else _identified_checks(document, path))
+
+
+def _identified_checks(document: dict[str, Any], path: Path) -> Iterator[Check]:
+    """Of a design that was identified from flights: there is nothing to prove, but the vehicle must be the same."""
+    vehicle = _vehicle_of(str(document.get("vehicle")), path)
+    if vehicle is None:
+        yield Check("vehicle", False, "no vehicle file at hand to compare with")
+    else:
+        agrees = document["identified_from"].get("vehicle_sha256") == vehicle_hash(vehicle)
+        yield _check("vehicle", agrees, "it changed since the identification; identify it anew", "identified from flights")
 
 
 def checks(document: dict[str, Any], path: Path) -> Iterator[Check]:
@@ -162,12 +172,14 @@ def _dictionaries(value: Any) -> bool:
 
 
 def _agree(first: Any, second: Any, tolerance: float) -> bool:
-    """Numbers, or nested lists of numbers or texts: equal, or within a tolerance relative to the largest element."""
+    """Texts, numbers or nested lists of them: equal, or within a tolerance relative to the largest element."""
+    if first == second:
+        return True
     try:
         a, b = np.array(first, dtype=float), np.array(second, dtype=float)
     except (TypeError, ValueError):
-        return bool(first == second)
+        return False
     if a.shape != b.shape:
         return False
     size = max(np.abs(a).max(initial=0.0), np.abs(b).max(initial=0.0))
-    return bool(np.all(np.abs(a - b) <= tolerance * size)) and not math.isnan(size)
+    return bool(np.all(np.abs(a - b) <= tolerance * size))  # which it is not with a NaN

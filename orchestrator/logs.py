@@ -56,7 +56,7 @@ def read_flight(
     signal_map = signal_map or maps.matching_signal_map(table.column_names, str(path))
     columns, skipped = _columns(path, table, signal_map)
     stamps = _time(path, columns[signal_map.time.column] * maps.UNITS[signal_map.time.unit], step_size)
-    grid = step_size * np.arange(int((stamps[-1] + CLOCK_TOLERANCE) / step_size) + 1)
+    grid = step_size * np.arange(int((stamps[-1] + CLOCK_TOLERANCE) / step_size) + 1, dtype=np.float64)
     log = _ResampledLog(columns, stamps, grid, step_size)
 
     parts, notes = _airborne_parts(log, signal_map)
@@ -257,7 +257,8 @@ def _rotor_speed_command(log: _ResampledLog, mapped: maps.RotorSpeedCommand, rot
     if mapped.mixer is not None:
         command = command @ np.array(mapped.mixer).T
     if mapped.clip is not None:
-        command = np.clip(command, *mapped.clip)
+        lowest, highest = mapped.clip
+        command = np.clip(command, lowest, highest)
     if mapped.unit is not None:
         return command * maps.UNITS[mapped.unit]
     return rotor_speed_max * np.sqrt(np.maximum(command, 0.0) / mapped.full_scale)

@@ -11,22 +11,27 @@ from typing import Any
 import casadi as ca
 
 from rotordx.fmus.diagnosers.interface import Clock, Command, Inputs, Measured
-from rotordx.fmus.shell.ports import STEP_SIZE, Component, flatten, size, start_values, table, unflatten
-from rotordx.fmus.vehicles.parameters import VehicleParameters
+from rotordx.fmus.shell.ports import STEP_SIZE, Component, flatten, size, start_values, table, unflatten, with_starts
+from rotordx.fmus.vehicles import load_design
+from rotordx.fmus.vehicles.parameters import REFERENCE_VEHICLE, VehicleParameters
 
 #: Instructions of one step; more do not fit the firmware's time slot, and compile for minutes.
 INSTRUCTION_BUDGET = 8000
 
 
 def diagnoser_component(name: str) -> Component:
-    """FMU of a diagnoser: the common inputs, its vehicle and its parameters, its outputs."""
+    """FMU of a diagnoser: the common inputs, its vehicle and its parameters, its outputs.
+
+    Parameters start at the design for the vehicle that the FMU starts with, if there is one.
+    """
     module = _module(name)
+    design = load_design(REFERENCE_VEHICLE, name) or {"parameters": {}}
     return Component(
         name=name,
         description=(module.__doc__ or "").splitlines()[0].rstrip("."),
         inputs=Inputs,
         outputs=module.Outputs,
-        parameters=(VehicleParameters, module.Parameters),
+        parameters=(VehicleParameters, with_starts(module.Parameters, design["parameters"])),
         constant_initial_outputs=True,
         tunable_parameters=True,
     )

@@ -10,6 +10,7 @@ from pathlib import Path
 import rotordx.fmus
 from rotordx.fmus.shell.header import component_source, ports_header
 from rotordx.fmus.shell.model_description import fmi2_description, fmi3_description, token
+from rotordx.fmus.vehicles.parameters import REFERENCE_VEHICLE
 
 
 def generate(name: str, version: str) -> dict[str, str | bytes]:
@@ -39,10 +40,12 @@ def write_if_changed(path: Path, contents: str | bytes) -> None:
 
 
 def sources() -> list[Path]:
-    """Modules of rotordx that the present process has imported."""
+    """Modules of rotordx that the present process has imported, and the vehicle and designs behind start values."""
     root = Path(str(files("rotordx.fmus")))
     modules = {Path(str(getattr(module, "__file__", ""))) for module in list(sys.modules.values())}
-    return sorted(path.resolve() for path in modules if path.is_relative_to(root))
+    vehicles = root / "vehicles"
+    data = {vehicles / f"{REFERENCE_VEHICLE}.toml", *(vehicles / "designs" / REFERENCE_VEHICLE).glob("*.json")}
+    return sorted(path.resolve() for path in modules | data if path.is_relative_to(root))
 
 
 def main() -> None:

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, TypeVar, dataclass_transform
 
 T = TypeVar("T")
@@ -95,6 +95,16 @@ def size(cls: type[Any]) -> int:
 def start_values(cls: type[Any]) -> list[float]:
     """Start values of all ports of a class as one flat list."""
     return [value for p in table(cls) for value in p.start]
+
+
+def with_starts(cls: type[Any], starts: Mapping[str, float | Sequence[float]]) -> type[Any]:
+    """The same ports with other start values; names that are not ports of the class are passed over."""
+    fields = []
+    for p in table(cls):
+        start = starts.get(p.name, p.start)
+        values = tuple(map(float, start)) if isinstance(start, Sequence) else (float(start),)
+        fields.append((p.name, Any, dataclasses.field(metadata={_PORT: dataclasses.replace(p, start=values)})))
+    return dataclasses.make_dataclass(cls.__name__, fields, frozen=True)
 
 
 def flatten(instance: Any, concatenate: Callable[..., Any]) -> Any:

@@ -8,7 +8,10 @@ from __future__ import annotations
 from rotordx.fmus.shell.ports import Scalar, Vector, port, ports
 from rotordx.fmus.vehicles.vehicle import POSITIVE, packaged, read_file
 
-_LAB_X = read_file(packaged("lab_x")).parameters
+#: Its values are the start values of every FMU.
+REFERENCE_VEHICLE = "lab_x"
+
+_LAB_X = read_file(packaged(REFERENCE_VEHICLE)).parameters
 
 
 @ports

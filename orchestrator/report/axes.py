@@ -170,7 +170,7 @@ def _mark_labels(marks: Sequence[Mark], k: int, view: Period) -> list[Layout]:
         share = (mark.time - view[0]) / (view[1] - view[0])
         side = "right" if share > 0.6 or (i == 0 and len(visible) > 1 and share > 0.15) else "left"
         labels.append(
-            _above(f"{mark.label} {mark.time:.2f} s", k, side)
+            _above(f"{mark.label} {mark.time:.3f} s", k, side)
             | {"xref": f"x{_number(k)}", "x": mark.time, "yref": "paper"}
             | {"xshift": -3 if side == "right" else 3, "yshift": 2 + 15 * max(len(visible) - 1 - max(i, 1), 0)}
             | {"font": {"size": 12, "color": mark.colour}}

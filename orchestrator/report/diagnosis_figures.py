@@ -62,7 +62,7 @@ def isolation(recording: Recording, diagnoser: str, columns: Columns, events: Ev
             if excluded is not None and crossed[excluded, k]:
                 traces.append(_crossing(float(recording.time[excluded]), float(residual[excluded, k])))
             row.append(Cell(traces, _reach(residual[shown, k], threshold[shown, k]), label=label))
-        verdict = "stays within" if excluded is None else f"leaves at {recording.time[excluded]:.2f} s"
+        verdict = "stays within" if excluded is None else f"leaves at {recording.time[excluded]:.3f} s"
         row[0] = replace(row[0], header=f"<b>Estimator {rotor}</b> {verdict}")
         cells.append(row)
     marks = [Mark(events.detection, "detected", "@orange")]
@@ -94,7 +94,7 @@ def set_membership(recording: Recording, diagnoser: str, columns: Columns, clock
             column = columns.add(clock, f"true loss[{i + 1}]", truth[:, i])
             traces.append(line(clock, column, "truth", "@ink", dash="dash"))
         last = first_true(excluded[:, i])
-        verdict = "possible" if last is None else f"excluded at {recording.time[last]:.2f} s"
+        verdict = "possible" if last is None else f"excluded at {recording.time[last]:.3f} s"
         row.append(Cell(traces, y_range, f"<b>Rotor {i + 1}</b> {verdict}", y_title="loss of effectiveness"))
     marks = [Mark(events.detection, "detected", "@orange")]
     data, layout = grid_over_time([row], events.window, marks, row_height=190, share_y=True)

@@ -40,13 +40,14 @@ def path(recording: Recording, columns: Columns, events: Events) -> Figure | Non
                 "x": [float(north)],
                 "y": [float(east)],
                 "z": [float(-down)],
-                "name": f"{mark.label} {mark.time:.2f} s",
+                "name": f"{mark.label} {mark.time:.3f} s",
                 "marker": {"color": mark.colour, "size": 5, "symbol": SYMBOLS[mark.label]},
                 "hovertemplate": "%{fullData.name}<extra></extra>",
             }
         )
     extents = np.array([np.ptp(extent(coordinate)) for coordinate in flown.T])
     sides = np.maximum(extents / extents.max(), LEAST_EXTENT).tolist()
+    stretched = " Short sides of the box are stretched." if extents.min() < LEAST_EXTENT * extents.max() else ""
     layout = base_layout(PATH_HEIGHT) | {
         "margin": {"t": 0, "b": 0, "l": 0, "r": 0},
         "legend": {"orientation": "h", "x": 0, "y": 0, "yanchor": "bottom", "entrywidth": 135},
@@ -59,7 +60,7 @@ def path(recording: Recording, columns: Columns, events: Events) -> Figure | Non
             "camera": {"eye": {"x": -1.5, "y": 0.95, "z": 0.8}, "center": {"x": 0, "y": 0, "z": -0.12}},
         },
     }
-    return Figure("path", "Flight path", "Drag to turn, scroll to zoom.", data, layout)
+    return Figure("path", "Flight path", f"Drag to turn, scroll to zoom.{stretched}", data, layout)
 
 
 def tracking(recording: Recording, columns: Columns, clock: str, events: Events) -> Figure | None:

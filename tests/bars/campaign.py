@@ -130,9 +130,7 @@ def fly_specimen(
         healthy += [
             specimen.healthy(str(SINE_RATES[i % len(SINE_RATES)]), 60000 + 100 * number + i) for i in range(sines)
         ]
-        faulty = [
-            specimen.faulty(rotor, loss, 90000 + 100 * number + rotor) for loss in losses for rotor in rotors
-        ]
+        faulty = [specimen.faulty(rotor, loss, 90000 + 100 * number + rotor) for loss in losses for rotor in rotors]
     finally:
         specimen.close()
     return healthy, faulty
@@ -206,8 +204,9 @@ def main() -> None:
     lines = [
         "# `fdie` on simulated specimens of lab_x",
         "",
-        f"{SPECIMENS} specimens with the spread of the benchmark, battery sag and gusts, each with bounds identified on "
-        f"its own three healthy circles. Losses begin at {ONSET_S:g} s. Delays after the onset in ms: median (maximum).",
+        f"{SPECIMENS} specimens with the spread of the benchmark, battery sag and gusts, each with bounds identified "
+        f"on its own three healthy circles. Losses begin at {ONSET_S:g} s. Delays after the onset in ms: median "
+        "(maximum).",
         "",
         *table(faulty),
         "",

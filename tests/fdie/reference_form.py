@@ -97,7 +97,7 @@ class ReferenceFdie:
             self.filter = None
             f, h, old, bound = self.known(command, euler, zeta)
             self.zeta_hat = zeta.copy()
-            self.bound = bound / self.p.observer_gain
+            self.bound = bound / self.p.observer_gain + 0.003 * abs(h).sum(axis=0)
         else:
             f, h, old, bound = self.known(command, euler, zeta)
             self.detection_step(zeta, f, bound)

@@ -159,7 +159,7 @@ def detection_threshold_deviation(flight):
     gain = parameter_values()["observer_gain"]
     deviation = 0.0
     for j in range(4):
-        expected = convolution(gain[j], flight.bound[1:401, j], flight.bound[0, j] / gain[j])
+        expected = convolution(gain[j], flight.bound[1:401, j], flight.outputs["threshold"][0, j])
         deviation = max(deviation, np.max(abs(flight.outputs["threshold"][:401, j] / expected - 1)))
     return deviation
 

@@ -83,7 +83,7 @@ def test_wrong_isolation_thresholds_are_not_the_convolution(mutant, old, new):
 @pytest.mark.parametrize(
     ("old", "new"),
     [
-        pytest.param("gain * model.bound, model", "gain * 0.5, model", id="constant-threshold"),
+        pytest.param("gain * model.bound, start_bound", "gain * 0.5, start_bound", id="constant-threshold"),
         pytest.param("gain * (model.zeta_rate", "0.9 * gain * (model.zeta_rate", id="short-of-gain"),
     ],
 )

@@ -48,7 +48,8 @@ def test_initial_outputs_depend_on_what_is_declared(name, fmi, instantiate):
 def test_initial_outputs_follow_inputs_where_declared(fmi, instantiate):
     instance = instantiate("esc", fmi)
     instance.enter_initialisation()
-    instance.set("rotor_speed_command", [500, 510, 520, 530])
-    assert instance.get("rotor_speed").tolist() == [500, 510, 520, 530]
+    for speeds in ([400, 410, 420, 430], [500, 510, 520, 530]):  # as an importer that iterates would set them
+        instance.set("rotor_speed_command", speeds)
+        assert instance.get("rotor_speed").tolist() == speeds
     instance.fmu.exitInitializationMode()
     assert instance.get("rotor_speed").tolist() == [500, 510, 520, 530]

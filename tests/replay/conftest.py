@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import csv
+import dataclasses
 import json
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ import pytest
 from rotordx.fmus.vehicles import load_vehicle
 from rotordx.gains.flights import Flight
 from rotordx.orchestrator.flight import fly
+from rotordx.orchestrator.healthy_flights import flight_of
 from rotordx.orchestrator.identification import identify
 from rotordx.orchestrator.recording import Recording
 from rotordx.orchestrator.scenario import load_scenario
@@ -113,25 +115,19 @@ def foreign_log_of(recording: Recording) -> dict[str, np.ndarray]:
     )
 
 
-def simulated_flight(recording: Recording, start: int = 0) -> Flight:
-    """A simulated flight, from a sample on, as identification takes it."""
-    signals = {key: values[start:] for key, values in recording.signals.items()}
-    return Flight(
-        name=str(recording.scenario["name"]),
-        time=recording.time[start:],
-        rotor_speed_command=signals["controller.rotor_speed_command"],
-        euler=signals["sensors.euler"],
-        body_rate=signals["sensors.body_rate"],
-        vertical_velocity=signals["sensors.vertical_velocity"],
-    )
+def cut(flight: Flight, start: float, stop: float = np.inf) -> Flight:
+    """The part of a flight between two times (s)."""
+    inside = (flight.time >= start) & (flight.time <= stop)
+    arrays = {field: values[inside] for field, values in vars(flight).items() if field != "name"}
+    return dataclasses.replace(flight, **arrays)
 
 
 @pytest.fixture(scope="session")
 def craft(tmp_path_factory) -> Path:
     """Vehicle file and designs of a lab_x, identified from two healthy simulated flights."""
     out = tmp_path_factory.mktemp("craft") / "craft.toml"
-    flights = [simulated_flight(fly(load_scenario("healthy_circle", seed=seed, duration_s=15.0))) for seed in (11, 12)]
-    identify(flights, load_vehicle("lab_x"), out)
+    recordings = [fly(load_scenario("healthy_circle", seed=seed, duration_s=15.0)) for seed in (11, 12)]
+    identify([flight_of(r, "circle") for r in recordings], load_vehicle("lab_x"), out)
     return out
 
 

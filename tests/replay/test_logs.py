@@ -176,6 +176,20 @@ def test_noise_of_the_altitude_is_kept_out_and_a_bias_of_the_accelerometer_does_
     assert fused.vertical_velocity[settled].mean() == pytest.approx(2 / 2.0 * bias, rel=0.02)
 
 
+def test_specific_force_is_taken_along_the_tilted_axis(read, mapping):
+    """In level flight at a constant tilt the accelerometer shows 1 / (cos(roll) cos(pitch)) g."""
+    time = 0.005 * np.arange(4000)
+    tilt = np.tile([0.3, -0.2, 1.0], (len(time), 1))
+    shown = np.full(len(time), 9.81 / 9.80665 / np.cos(0.3) / np.cos(0.2))
+    mapping["vertical_velocity"] = {
+        "altitude": {"column": "z", "unit": "m"},
+        "specific_force": {"column": "acc", "unit": "g"},
+        "crossover_rad_s": 1.0,
+    }
+    (part,) = read(foreign_log(time, euler=tilt) | {"z": 0 * time, "acc": shown}).parts
+    assert np.abs(part.vertical_velocity).max() < 1e-6
+
+
 def test_roll_and_pitch_are_integrated_where_no_attitude_was_logged(read, mapping):
     time = 0.005 * np.arange(2000)
     rate = np.stack([0.4 * np.cos(2 * time), -0.2 * np.cos(2 * time), 1.0 + 0 * time], axis=1)

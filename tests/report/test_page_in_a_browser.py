@@ -123,6 +123,15 @@ def test_what_is_asked_for_first_can_be_read_and_looked_at_closely(show):
 
 
 @pytest.mark.usefixtures("silent")
+def test_thresholds_are_drawn_on_both_sides_and_altitude_upwards(show):
+    page = show(circle_flight(duration=5.0, onset=2.5))
+    lower, upper = page.run("[0, 1].map((i) => [...document.querySelector('#fdie-detection .plot').data[i].y])")
+    assert min(upper) > 0
+    assert lower == [-bound for bound in upper]
+    assert page.run("Math.min(...document.querySelector('#path .plot').data[1].z)") > 1.3
+
+
+@pytest.mark.usefixtures("silent")
 def test_zooming_finds_every_peak(show):
     flown = circle_flight(rotor=None)
     residual = flown.signals["fdie.residual"]

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
-from casadi import fabs, if_else, logic_and
+from casadi import fabs, if_else, logic_and, sum2
 
 from rotordx.fmus.diagnosers.fdie.model import Model
 from rotordx.fmus.diagnosers.interface import Clock, any_of, capture_time, hold_filter, latch
 from rotordx.fmus.shell.ports import Scalar, Vector, port, ports
+
+#: s: on the first sample the rotors' speeds are known to some percent only; a tenth of all they accelerate the vehicle
+#: by, for a motor time constant, bounds the error that this leaves behind
+START_ERROR_TIME = 0.003
 
 
 @ports
@@ -36,11 +40,13 @@ def advance_detection(
 ) -> DetectionState:
     """Advance the estimator over one step and decide; `started` is 0 on the first sample.
 
-    On that sample no step has passed: the residual is 0 and its bound settled, no less than (23) asks for.
+    On that sample no step has passed: the residual is 0. Its bound starts settled, and with what (22) demands for an
+    initial error: that of the rotor speeds, which are taken for commanded.
     """
     decay, gain = hold_filter(parameters.observer_gain, clock.dt)
     residual = if_else(started, decay * state.residual + gain * (model.zeta_rate - model.nominal), 0)  # (19)
-    bound = if_else(started, decay * state.bound + gain * model.bound, model.bound / parameters.observer_gain)  # (23)
+    start_bound = model.bound / parameters.observer_gain + START_ERROR_TIME * sum2(fabs(model.signatures))
+    bound = if_else(started, decay * state.bound + gain * model.bound, start_bound)  # (23)
     first_time = if_else(started, state.first_time, clock.time)
 
     exceeds = any_of(fabs(residual) > bound + parameters.detection_noise_floor)
