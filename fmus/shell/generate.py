@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import argparse
 import sys
-from importlib.resources import files
 from pathlib import Path
 
 import rotordx.fmus
 from rotordx.fmus.shell.header import component_source, ports_header
 from rotordx.fmus.shell.model_description import fmi2_description, fmi3_description, token
-from rotordx.fmus.vehicles.parameters import REFERENCE_VEHICLE
 
 
 def generate(name: str, version: str) -> dict[str, str | bytes]:
@@ -40,12 +38,9 @@ def write_if_changed(path: Path, contents: str | bytes) -> None:
 
 
 def sources() -> list[Path]:
-    """Modules of rotordx that the present process has imported, and the vehicle and designs behind start values."""
-    root = Path(str(files("rotordx.fmus")))
-    modules = {Path(str(getattr(module, "__file__", ""))) for module in list(sys.modules.values())}
-    vehicles = root / "vehicles"
-    data = {vehicles / f"{REFERENCE_VEHICLE}.toml", *(vehicles / "designs" / REFERENCE_VEHICLE).glob("*.json")}
-    return sorted(path.resolve() for path in modules | data if path.is_relative_to(root))
+    """Source files of rotordx that the present process has imported."""
+    modules = [module for name, module in sys.modules.items() if name.startswith("rotordx.")]
+    return sorted(Path(module.__file__).resolve() for module in modules if module.__file__)
 
 
 def main() -> None:

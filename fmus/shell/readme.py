@@ -50,8 +50,8 @@ def updated(text: str, component: Component) -> str:
 
 def readme_path(name: str) -> Path:
     """README.md of a component or diagnoser in the source tree."""
-    root = Path(str(files("rotordx.fmus")))
-    return (root / "diagnosers" if name in rotordx.fmus.diagnoser_ids() else root) / name / "README.md"
+    package = "rotordx.fmus.diagnosers" if name in rotordx.fmus.diagnoser_ids() else "rotordx.fmus"
+    return Path(str(files(package) / name / "README.md"))
 
 
 def _start(p: Port) -> str:
@@ -69,26 +69,30 @@ def _range(p: Port) -> str:
     if math.isinf(low) and math.isinf(high):
         return ""
     if math.isinf(high):
-        return f"≥ {low:.6g}"
+        return "> 0" if 0 < low < 1e-9 else f"≥ {low:.6g}"
     return f"≤ {high:.6g}" if math.isinf(low) else f"{low:.6g} ... {high:.6g}"
 
 
 def main() -> None:
-    """Rewrite or check the tables of all components; exits with 1 if a checked table is out of date."""
+    """Rewrite or check the tables of all components; exits with 1 if one is out of date or has no place to go."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--check", action="store_true", help="change nothing, fail if a table is out of date")
     check = parser.parse_args().check
-    outdated = []
+    problems = []
     for name in rotordx.fmus.component_names() + rotordx.fmus.diagnoser_ids():
         path = readme_path(name)
-        text = path.read_text(encoding="utf-8")
-        new = updated(text, rotordx.fmus.load_component(name))
-        if new != text:
-            outdated.append(str(path))
-            if not check:
-                path.write_text(new, encoding="utf-8")
-    if check and outdated:
-        sys.exit(f"port tables out of date, run python -m rotordx.fmus.shell.readme: {', '.join(outdated)}")
+        try:
+            text = path.read_text(encoding="utf-8")
+            new = updated(text, rotordx.fmus.load_component(name))
+        except (OSError, ValueError) as error:
+            problems.append(str(error))
+            continue
+        if new != text and check:
+            problems.append(f"{path} is out of date, run python -m rotordx.fmus.shell.readme")
+        elif new != text:
+            path.write_text(new, encoding="utf-8")
+    if problems:
+        sys.exit("\n".join(problems))
 
 
 if __name__ == "__main__":

@@ -14,7 +14,13 @@ from rotordx.gains.certificate import unplain
 from rotordx.gains.flight_model import Envelope
 from rotordx.gains.options import from_plain
 
-OBSERVERS = [("hinf", "vz4"), ("hinf", "tau3"), ("asmto", "torques"), ("smo", "channels"), ("rho_adaptive", "adaptation")]
+OBSERVERS = [
+    ("hinf", "vz4"),
+    ("hinf", "tau3"),
+    ("asmto", "torques"),
+    ("smo", "channels"),
+    ("rho_adaptive", "adaptation"),
+]
 MODULES = {"hinf": hinf, "asmto": asmto, "smo": smo, "rho_adaptive": rho_adaptive}
 
 
@@ -37,17 +43,17 @@ def random_rotation(rng, rows, columns):
 def test_no_disturbance_or_nonlinearity_beats_gamma(packaged, vehicle, diagnoser, name):
     subject, proof, _ = subject_and_proof(packaged(vehicle, diagnoser), name)
     loops = list(subject.model.close(subject.gain))
-    rng, h = np.random.default_rng(3), 1e-4
+    rng, h = np.random.default_rng(3), 2e-4
     worst = 0.0
-    for trial in range(6):
+    for trial in range(4):
         loop = loops[trial % len(loops)]
         # the worst sinusoid of the linear loop, or band-limited noise, with a nonlinearity of the largest size
         frequency = 10.0 ** rng.uniform(0, 2)
         direction = rng.normal(size=loop.B.shape[1])
         e, energy_in, energy_out = np.zeros(len(loop.A)), 0.0, 0.0
         U = random_rotation(rng, loop.D.shape[1], len(loop.N))
-        for k in range(12000):
-            w = direction * np.sin(frequency * k * h) * (k < 8000)
+        for k in range(5000):
+            w = direction * np.sin(frequency * k * h) * (k < 4000)
             z = loop.C @ e + loop.F @ w
             energy_in, energy_out = energy_in + w @ w, energy_out + z @ z
             e = e + h * (loop.A @ e + loop.B @ w + loop.D @ (loop.lipschitz * U @ (loop.N @ e)))
@@ -105,7 +111,7 @@ def test_the_noise_of_the_estimates_is_that_of_a_long_run(packaged, diagnoser, n
     noise = loop.B[:, subject.model.E.shape[1] :]
     rng, h = np.random.default_rng(6), proof.step_size
     e, samples = np.zeros(len(loop.A)), []
-    for k in range(60000):
+    for k in range(30000):
         v = noise @ rng.normal(size=noise.shape[1])  # held over the step, RK4
         k1 = loop.A @ e + v
         k2 = loop.A @ (e + h / 2 * k1) + v
@@ -149,15 +155,10 @@ def test_lipschitz_constants_bound_the_dynamics_over_the_envelope_and_are_reache
         largest = max(largest, ratio)
         roll, pitch = rng.uniform(-1, 1, 2) * envelope.tilt
         if np.cos(roll) * np.cos(pitch) >= np.cos(envelope.tilt):
-            turning = lambda w, r=roll, t=pitch: np.array(  # noqa: E731
-                [
-                    w[0] + np.sin(r) * np.tan(t) * w[1] + np.cos(r) * np.tan(t) * w[2],
-                    np.cos(r) * w[1] - np.sin(r) * w[2],
-                    (np.sin(r) * w[1] + np.cos(r) * w[2]) / np.cos(t),
-                ]
-            )
-            euler = turning(one) - turning(other) - (one - other)
-            assert np.hypot(np.linalg.norm(euler), np.linalg.norm(change)) <= of_all * (1 + 1e-3) * np.linalg.norm(one - other)
+            attitude = np.array([roll, pitch, 0.0])
+            euler = _euler_rate(attitude, one) - _euler_rate(attitude, other) - (one - other)
+            both = np.hypot(np.linalg.norm(euler), np.linalg.norm(change))
+            assert both <= of_all * (1 + 1e-3) * np.linalg.norm(one - other)
     assert largest >= 0.9 * of_rates
 
 
@@ -178,7 +179,9 @@ def test_hinf_gains_find_a_lost_rotor_on_the_nonlinear_vehicle(packaged, vehicle
     for k in range(600):
         t = k * h
         effective = np.where((np.arange(4) == rotor) & (t >= 0.2), 1 - loss, 1.0)
-        swing = 1 + 0.02 * np.sin(9 * t + np.arange(4))  # the vehicle moves, and a perfect controller makes up for the loss
+        swing = 1 + 0.02 * np.sin(
+            9 * t + np.arange(4)
+        )  # the vehicle moves, and a perfect controller makes up for the loss
         squared = hover.hover_speed**2 * swing / effective
         true = np.array(rates(zeta, euler, np.sqrt(squared * effective), column)).ravel()
         filtered = F[1]
@@ -221,9 +224,9 @@ def test_a_steady_filter_has_the_errors_that_its_certificate_says(packaged):
     P = np.array(document["certificates"][0]["proof"]["P"])
     rng = np.random.default_rng(8)
     Q, R = np.sqrt(np.diag(model.Q)), np.sqrt(np.diag(model.R))
-    errors = np.zeros((len(model.states), 4000))  # many runs at once, prediction error
+    errors = np.zeros((len(model.states), 2000))  # of predictions, many runs at once
     for _ in range(1500):
-        updated = errors - K @ (model.C @ errors + R[:, None] * rng.normal(size=(4, 4000)))
+        updated = errors - K @ (model.C @ errors + R[:, None] * rng.normal(size=(4, 2000)))
         errors = model.A @ updated + Q[:, None] * rng.normal(size=errors.shape)
     measured = errors @ errors.T / errors.shape[1]
     assert np.diag(measured) == pytest.approx(np.diag(P), rel=0.12)

@@ -27,7 +27,9 @@ def test_every_packaged_design_is_proved(record_property):
     print(f"all packaged certificates proved in {time.perf_counter() - start:.1f} s")
 
 
-@pytest.mark.parametrize("diagnoser", ["thau", "adaptive_thau", "fast_adaptive", "smo", "rho_adaptive", "askf", "msjfo"])
+@pytest.mark.parametrize(
+    "diagnoser", ["thau", "adaptive_thau", "fast_adaptive", "smo", "rho_adaptive", "askf", "msjfo"]
+)
 def test_a_packaged_design_is_what_the_tool_makes(diagnoser):
     assert same(make("lab_x", diagnoser), packaged_designs() / "lab_x" / f"{diagnoser}.json"), "run `make designs`"
 

@@ -20,7 +20,9 @@ def smallest_largest_eigenvalue(matrix, constraints):
 def ren(lipschitz, performance):
     """Matrix of (32), or of (42) if `performance`, and its constraints, for Ren's vehicle with scaled faults."""
     A = np.block([[np.zeros((3, 3)), np.eye(3)], [np.zeros((3, 6))]])
-    B = np.vstack((np.zeros((3, 4)), [[0, -14.347, 0, 14.347], [-14.347, 0, 14.347, 0], [1.366, -1.366, 1.366, -1.366]]))
+    B = np.vstack(
+        (np.zeros((3, 4)), [[0, -14.347, 0, 14.347], [-14.347, 0, 14.347, 0], [1.366, -1.366, 1.366, -1.366]])
+    )
     P, Q = cp.Variable((N, N), symmetric=True), cp.Variable((4, 4), symmetric=True)
     Y1, Y2 = cp.Variable((N, N)), cp.Variable((4, N))
     unit, gamma = (1.0 if performance else 0.0), 1.0

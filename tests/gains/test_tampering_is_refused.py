@@ -120,7 +120,9 @@ def test_a_weight_of_the_detection_bound_cannot_be_understated(packaged, tmp_pat
 
 def test_a_covariance_bound_cannot_be_understated(packaged, tmp_path):
     document = packaged("lab_x", "askf")
-    document["certificates"][0]["proof"]["P"] = [[0.9 * v for v in row] for row in document["certificates"][0]["proof"]["P"]]
+    document["certificates"][0]["proof"]["P"] = [
+        [0.9 * v for v in row] for row in document["certificates"][0]["proof"]["P"]
+    ]
     assert "augmented: covariance bound" in refused(write(document, tmp_path, sign=True))
 
 

@@ -11,6 +11,7 @@ import pytest
 
 from rotordx.fmus.vehicles import load_design, load_vehicle
 from rotordx.gains import fdie
+from rotordx.gains.design import Design
 from rotordx.gains.flight_identification import (
     gyro_noise_std,
     identify_trim,
@@ -23,7 +24,10 @@ from rotordx.orchestrator.errors import UserError
 from rotordx.orchestrator.flight import fly
 from rotordx.orchestrator.healthy_flights import flight_of
 from rotordx.orchestrator.identification import identify
+from rotordx.orchestrator.logs import LoggedFlight
+from rotordx.orchestrator.replay import replay
 from rotordx.orchestrator.scenario import load_scenario
+from rotordx.orchestrator.signal_map import load_signal_map
 from tests.replay.conftest import cut
 
 LAB_X = load_vehicle("lab_x")
@@ -108,6 +112,18 @@ def test_bounds_hold_on_a_flight_for_the_design_identified_without_it(flights, s
     assert peak_ratio(widened, vehicle, flights[1]) < peak_ratio(
         fdie.identify(flights[:1], vehicle), vehicle, flights[1]
     )
+
+
+def test_the_peak_ratio_is_that_of_the_fmu_after_its_warm_up(flights, specimen, write_map, mapping):
+    vehicle = load_vehicle(specimen)
+    design = Design(**load_design(vehicle, "fdie"))
+    shaken = flights[0].body_rate + np.where(flights[0].time < flights[0].time[0] + 0.5, 1.0, 0.0)[:, None]
+    flight = dataclasses.replace(flights[0], body_rate=shaken)
+    logged = LoggedFlight(Path("flight.csv"), load_signal_map(write_map(mapping)), 0.002, [flight], None, [])
+    signals = replay(logged, str(specimen), ["fdie"]).signals
+    ratio = np.abs(signals["fdie.residual"][1:]) / signals["fdie.threshold"][1:]
+    assert ratio.max() > 1.5 * ratio[1000:].max()
+    assert peak_ratio(design, vehicle, flight) == pytest.approx(ratio[999:].max(), rel=1e-3)
 
 
 def test_a_base_given_by_path_is_named_relative_to_the_file(flights, specimen, tmp_path):

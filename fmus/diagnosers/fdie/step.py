@@ -49,7 +49,7 @@ class State(NamingState, SetState, IsolationState, DetectionState, ModelState):
 class Outputs(DiagnosisOutputs):
     """Channels are v_z, p, q, r; element 4 s + j belongs to estimator s, channel j, both counted from 0."""
 
-    residual: Vector = port("m/s, rad/s", "epsilon of (19)", start=(0,) * 4)
+    residual: Vector = port("m/s, rad/s", "epsilon of (19): v_z, p, q, r", start=(0,) * 4)
     threshold: Vector = port("m/s, rad/s", "epsilon_bar of (23) and noise floor", start=(0,) * 4)
     isolation_residual: Vector = port("m/s, rad/s", "zeta - zeta_hat_s of (28)", start=(0,) * 16)
     isolation_threshold: Vector = port("m/s, rad/s", "mu_s of (31) and noise floor", start=(0,) * 16)
