@@ -139,7 +139,8 @@ def vehicle_file(vehicle: Vehicle, base: str, trim: Trim, flights: Sequence[Flig
         f'description = "{vehicle.description}"',
         f'base = "{base}"',
         "",
-        f"[rotors] # effectiveness over the base: {trims}; it varies by {spread} % (1 sigma) from flight to flight",
+        f"# Effectiveness over the base: {trims}; from flight to flight it varies by {spread} % (1 sigma).",
+        "[rotors]",
         *(
             f"{key} = {_toml(vehicle.parameters[key])} # {unit}, mean balance of thrust and torques over {total:.1f} s"
             for key, unit in (("thrust_coefficient", "N.s2"), ("torque_coefficient", "N.m.s2"))

@@ -18,6 +18,7 @@ from rotordx.fmus.shell.ports import flatten
 from rotordx.fmus.vehicles import Vehicle
 from rotordx.fmus.vehicles.parameters import VehicleParameters
 from rotordx.gains.options import option
+from rotordx.gains.rounding import rounded
 
 Array = NDArray[np.float64]
 
@@ -52,7 +53,8 @@ def flight_model(vehicle: Vehicle) -> FlightModel:
     numbers = _numbers(vehicle)
     allocation = _evaluate("allocation", numbers)
     body = vehicle.fill(VehicleParameters)
-    hover_speed = np.sqrt(np.linalg.solve(allocation, [body.mass * body.gravity, 0.0, 0.0, 0.0]))
+    squared_speed = np.linalg.solve(allocation, [body.mass * body.gravity, 0.0, 0.0, 0.0])
+    hover_speed = rounded(np.sqrt(squared_speed))  # so that equal rotors turn at equal speeds, to the last bit
     level, still = np.zeros(3), np.zeros(4)
     return FlightModel(
         hover_speed=hover_speed,

@@ -233,12 +233,17 @@ def matching_signal_map(column_names: list[str], log: str) -> SignalMap:
     Raises:
         UserError: if none fits, or more than one.
     """
-    packaged = map(load_signal_map, documents.packaged_names("signal_maps"))
-    fitting = [candidate for candidate in packaged if set(candidate.column_names) <= set(column_names)]
+    packaged = [load_signal_map(name) for name in documents.packaged_names("signal_maps")]
+    missing = {m.name: [name for name in m.column_names if name not in column_names] for m in packaged}
+    fitting = [m for m in packaged if not missing[m.name]]
     if len(fitting) == 1:
         return fitting[0]
-    found = f"{' and '.join(m.name for m in fitting)} fit" if fitting else "no packaged signal mapping fits"
-    raise UserError(f"{log}: {found} its columns ({', '.join(column_names)}); say which one with --signals MAP.toml")
+    if fitting:
+        found = f"the signal mappings {' and '.join(m.name for m in fitting)} fit"
+    else:
+        nearest = min(missing, key=lambda name: len(missing[name]))
+        found = f"no packaged signal mapping fits, {nearest} for lack of the columns {', '.join(missing[nearest])}"
+    raise UserError(f"{log}: {found}; say with --signals MAP.toml what the columns mean")
 
 
 def _check_fields(section: Section, needed: set[str], all_: set[str], reason: str) -> None:

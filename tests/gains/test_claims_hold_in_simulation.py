@@ -1,4 +1,4 @@
-"""What certificates claim is what happens: loops, bounds and figures against simulations that share no code with them."""
+"""What certificates claim is what happens: bounds and figures against simulations that share no code with them."""
 
 import itertools
 

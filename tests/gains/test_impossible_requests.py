@@ -3,7 +3,7 @@
 import pytest
 
 from rotordx.fmus.vehicles import load_vehicle
-from rotordx.gains import adaptive_thau, asmto, askf, hinf, smo, thau
+from rotordx.gains import adaptive_thau, askf, asmto, hinf, smo, thau
 from rotordx.gains.options import DesignError, with_settings
 
 

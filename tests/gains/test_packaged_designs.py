@@ -1,4 +1,4 @@
-"""Packaged designs: every certificate holds in exact arithmetic, and a design that its vehicle has left is found out."""
+"""Packaged designs: every certificate holds in exact arithmetic, and a design that is out of date is found out."""
 
 import time
 

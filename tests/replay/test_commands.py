@@ -74,7 +74,7 @@ def test_healthy_logs_become_a_vehicle_that_a_replay_takes(rotordx, broken_rotor
     ("arguments", "message"),
     [
         (["--vehicle", "lab_y"], "there is no packaged vehicle `lab_y`"),
-        (["--vehicle", "lab_x"], "no packaged signal mapping fits its columns"),
+        (["--vehicle", "lab_x"], "flight.csv: no packaged signal mapping fits"),
         (["--vehicle", "lab_x", "--signals", "SIGNALS", "-d", "fdy"], "diagnosers[0] is 'fdy' but must be one of"),
         (["--vehicle", "lab_x", "--signals", "SIGNALS", "--fault", "5=0.1"], "--fault 5=0.1: write ROTOR=LOSS"),
         (["--vehicle", "lab_x", "--signals", "SIGNALS", "--fault", "x"], "--fault x: write ROTOR=LOSS"),

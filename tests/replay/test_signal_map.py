@@ -81,5 +81,10 @@ def test_unreadable_files_are_refused_by_name(tmp_path):
 def test_the_packaged_mapping_that_fits_a_log_is_found():
     columns = list(load_signal_map("crazypad").column_names)
     assert matching_signal_map([*columns, "another"], "a.csv").name == "crazypad"
-    with pytest.raises(UserError, match=r"a\.csv: no packaged signal mapping fits its columns .*--signals"):
-        matching_signal_map(columns[1:], "a.csv")
+    with pytest.raises(
+        UserError, match=r"a\.csv: no packaged signal mapping fits, crazypad for lack of .* gyro_x_rad_s;"
+    ):
+        matching_signal_map([name for name in columns if name != "gyro_x_rad_s"], "a.csv")
+    both = [*columns, *load_signal_map("recording").column_names]
+    with pytest.raises(UserError, match=r"a\.csv: the signal mappings crazypad and recording fit; say with --signals"):
+        matching_signal_map(both, "a.csv")
