@@ -88,7 +88,7 @@ def quietest_gain(
     if best is None:
         raise DesignError(_obstacle(model, requirements))
     gamma = rounded_down(requirements.gamma_ratio * best.gamma)
-    final = solve(model, requirements.with_room(), start=best, gamma=gamma * (1 - ROOM))
+    final = solve(model, requirements.with_room(), gamma=gamma * (1 - ROOM))
     if final is None:
         raise DesignError(f"gamma_ratio {requirements.gamma_ratio:g} leaves no room for rounding; take at least 1.03")
     L = np.linalg.solve(final.P, final.PL)
@@ -109,7 +109,7 @@ def best_proof(
     if best is None:
         raise DesignError(_obstacle(model, requirements, gain=gain, steps=steps))
     gamma = rounded_down(requirements.gamma_ratio * best.gamma)
-    final = solve(model, requirements.with_room(), gain=gain, steps=steps, start=best, gamma=gamma * (1 - ROOM))
+    final = solve(model, requirements.with_room(), gain=gain, steps=steps, gamma=gamma * (1 - ROOM))
     if final is None:
         raise DesignError(f"gamma_ratio {requirements.gamma_ratio:g} leaves no room for rounding; take at least 1.03")
     return _proof(final, gamma, best.gamma, requirements, step_size, integrator)
@@ -121,7 +121,6 @@ def solve(
     *,
     gain: ObserverGain | None = None,
     steps: Sequence[Array] = (),
-    start: Solution | None = None,
     gamma: float | None = None,
 ) -> Solution | None:
     """Solve one program: for the smallest gamma, or for the least energy with gamma given.
@@ -129,16 +128,12 @@ def solve(
     Args:
         gain: held if given, else P L is free.
         steps: step matrices that have to contract P as well; with a given gain.
-        start: solution of a similar program, which numbers are scaled by.
         gamma: held if given.
 
     Returns:
         the optimum, None if the inequalities contradict each other.
     """
-    if start is None:
-        T, size = _natural_coordinates(model, requirements.decay_rate, gain)
-    else:
-        T, size = np.linalg.cholesky(start.P).T / start.gamma, start.gamma
+    T, size = _natural_coordinates(model, requirements.decay_rate, gain)
     scaled = _transformed(model, T, size)
     held = None if gain is None else ObserverGain(tuple(T @ L for L in gain.injections), T @ gain.direct)
     program = _Program(scaled, requirements, held, None if gamma is None else gamma / size)
@@ -206,7 +201,7 @@ def solved(problem: cp.Problem) -> bool:
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="Solution may be inaccurate")
         try:
-            problem.solve(solver=cp.CLARABEL)
+            problem.solve(solver=cp.CLARABEL, tol_gap_abs=1e-5, tol_gap_rel=1e-5, tol_feas=1e-8)
         except cp.SolverError:
             return False
     return problem.status in (cp.OPTIMAL, cp.OPTIMAL_INACCURATE)

@@ -71,7 +71,8 @@ def _identified_checks(document: dict[str, Any], path: Path) -> Iterator[Check]:
         yield Check("vehicle", False, "no vehicle file at hand to compare with")
     else:
         agrees = document["identified_from"].get("vehicle_sha256") == vehicle_hash(vehicle)
-        yield _check("vehicle", agrees, "it changed since the identification; identify it anew", "identified from flights")
+        remedy = "it changed since the identification; identify it anew"
+        yield _check("vehicle", agrees, remedy, "identified from flights")
 
 
 def checks(document: dict[str, Any], path: Path) -> Iterator[Check]:

@@ -54,6 +54,8 @@ def read_flight(
     """
     table = _read_table(path)
     signal_map = signal_map or maps.matching_signal_map(table.column_names, str(path))
+    if signal_map.position is not None and not set(signal_map.position.columns) <= set(table.column_names):
+        signal_map = signal_map.without_position()
     columns, skipped = _columns(path, table, signal_map)
     stamps = _time(path, columns[signal_map.time.column] * maps.UNITS[signal_map.time.unit], step_size)
     grid = step_size * np.arange(int((stamps[-1] + CLOCK_TOLERANCE) / step_size) + 1, dtype=np.float64)
@@ -92,7 +94,7 @@ def _read_table(path: Path) -> Any:
     except OSError as error:
         raise UserError(f"{path}: cannot be read: {error.strerror or error}; give the path of a flight log") from error
     except pa.ArrowInvalid as error:
-        what = " ".join(str(error).split())
+        what = "".join(c if c.isprintable() else " " for c in str(error))
         raise UserError(
             f"{path}: is no complete {'Parquet' if path.suffix == '.parquet' else 'CSV'} log: {what}; "
             "give a CSV file with a header line or a Parquet file, and delete a row that was cut off"

@@ -20,7 +20,7 @@ MEANING = {
     "detection_delay_s": "From the first fault's onset to the first alarm; none after a false alarm.",
     "false_alarm": "The first alarm came before any fault; unknown where the truth is.",
     "faulty_rotor": "Rotor named at the end: 0 none, -1 the fault is no loss of a single rotor.",
-    "isolation_time_s": "Time at which that verdict was reached.",
+    "isolation_time_s": "Time at which a rotor was named.",
     "isolation_delay_s": "From the first fault's onset to that verdict; none if it came before the onset.",
     "isolation_correct": "After the onset the one failed rotor was named; open unless exactly one rotor failed.",
     "loe_estimate": "Loss of effectiveness of each rotor, estimated at the end.",

@@ -213,6 +213,10 @@ class SignalMap(_Input):
     airborne: Airborne | None = None
     samples: Samples = Samples()
 
+    def without_position(self) -> SignalMap:
+        """What the diagnosers need of it."""
+        return self.model_copy(update={"position": None})
+
 
 def load_signal_map(name_or_path: str | Path) -> SignalMap:
     """Read and check a signal mapping.
@@ -228,13 +232,15 @@ def load_signal_map(name_or_path: str | Path) -> SignalMap:
 
 
 def matching_signal_map(column_names: list[str], log: str) -> SignalMap:
-    """The one packaged mapping whose columns a log has.
+    """The one packaged mapping whose columns a log has, but perhaps those of the position.
 
     Raises:
         UserError: if none fits, or more than one.
     """
     packaged = [load_signal_map(name) for name in documents.packaged_names("signal_maps")]
-    missing = {m.name: [name for name in m.column_names if name not in column_names] for m in packaged}
+    missing = {
+        m.name: [name for name in m.without_position().column_names if name not in column_names] for m in packaged
+    }
     fitting = [m for m in packaged if not missing[m.name]]
     if len(fitting) == 1:
         return fitting[0]

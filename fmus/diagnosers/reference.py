@@ -37,7 +37,7 @@ def reference_inputs() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     command of rotor 1 is what its loss asks for.
     """
     vehicle = load_vehicle(REFERENCE_VEHICLE).fill(VehicleParameters)
-    time = STEP_SIZE * np.arange(1, round(DURATION / STEP_SIZE) + 1)
+    time = STEP_SIZE * np.arange(1, round(DURATION / STEP_SIZE) + 1, dtype=np.float64)
     rate = 2 * np.pi * np.array([0.5, 0.4, 0.3])
     euler = np.array([0.1, 0.08, 0.2]) * np.sin(np.outer(time, rate))
     body_rate = np.array([0.1, 0.08, 0.2]) * rate * np.cos(np.outer(time, rate))
@@ -47,7 +47,8 @@ def reference_inputs() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         zeta = ca.DM([0.0, *body_rate[k]])
         without_rotors = rate_dynamics(zeta, ca.DM(euler[k]), ca.DM.zeros(4), vehicle)
         effect = input_gain(ca.DM(euler[k]), vehicle) @ allocation(vehicle)
-        squared_speed = np.array(ca.solve(ca.DM(effect), ca.DM([0.0, *acceleration[k]]) - ca.DM(without_rotors))).ravel()
+        wanted = ca.DM([0.0, *acceleration[k]]) - ca.DM(without_rotors)
+        squared_speed = np.array(ca.solve(ca.DM(effect), wanted)).ravel()
         squared_speed[0] /= 1 - LOSS * (time[k] > ONSET)
         inputs.append([*np.sqrt(squared_speed), *euler[k], *body_rate[k], 0.0])
     return time, np.array(inputs)

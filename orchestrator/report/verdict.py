@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Literal
 
+import numpy as np
+
 from rotordx.orchestrator.metrics import faults_in, truth_known
 from rotordx.orchestrator.recording import Recording
 
@@ -35,10 +37,10 @@ def verdict(recording: Recording, summary: dict[str, Any], diagnoser: str) -> Ve
     failed = {fault["rotor"] for fault in faults_in(recording)}
     if rotor == 0:
         return Verdict("fair", f"{what}: {detected}, no rotor named.")
-    after = delay_phrase(score["isolation_delay_s"])
     if rotor == -1:
         state: Literal["good", "bad"] = "good" if len(failed) > 1 else "bad"
-        return Verdict(state, f"{what}: {detected}, declared unlike any loss of a single rotor after {after}.")
+        return Verdict(state, f"{what}: {detected}, declared unlike any loss of a single rotor.")
+    after = delay_phrase(score["isolation_delay_s"])
     if rotor not in failed:
         return Verdict("bad", f"{what}: {detected}, but rotor {rotor} was wrongly named after {after}.")
     estimate = _estimate(recording, score, diagnoser)
@@ -92,7 +94,10 @@ def _without_fault(recording: Recording, summary: dict[str, Any], score: dict[st
         return Verdict("good" if healthy else "open", f"{silence}{', ' + peak if peak else ''}.")
     when = "" if score["detection_time_s"] is None else f" at {score['detection_time_s']:.2f} s"
     rotor = score["faulty_rotor"]
-    named = "no rotor named" if rotor == 0 else f"{rotor_phrase(rotor)} named at {score['isolation_time_s'] or 0:.2f} s"
+    if rotor > 0:
+        named = f"rotor {rotor} named at {score['isolation_time_s']:.2f} s"
+    else:
+        named = "no rotor named" if rotor == 0 else "unlike any loss of a single rotor"
     if healthy:
         return Verdict("bad", f"False alarm{when}: there was no fault; {named}.")
     estimate = score["loe_estimate"][rotor - 1] if rotor > 0 else None
@@ -110,6 +115,6 @@ def _estimate(recording: Recording, score: dict[str, Any], diagnoser: str) -> st
     if value is None:
         return ""
     lower, upper = (recording.signals.get(f"{diagnoser}.{port}") for port in ("loe_lower", "loe_upper"))
-    if lower is None or upper is None:
+    if lower is None or upper is None or not np.isfinite(upper[-1] - lower[-1]):
         return f", estimated at {value:.3f}"
     return f", estimated at {value:.3f} ± {max(upper[-1] - value, value - lower[-1]):.3f}"

@@ -106,7 +106,7 @@ class ReferenceFdie:
                 self.set_step(zeta, f, h, old, bound)
         self.decide(time, zeta)
         self.zeta = zeta
-        return self.outputs(zeta)
+        return self.outputs(time, zeta)
 
     def known(self, command, euler, zeta):
         """Means over the step of f, h_s [rotor, channel], what lags remember of h_s, and the bound."""
@@ -204,13 +204,17 @@ class ReferenceFdie:
             self.rotor[rule] = left[0] + 1
             self.times[time_name] = time
 
-    def outputs(self, zeta):
+    def outputs(self, time, zeta):
         p, by_sets = self.p, self.p.isolation_rule == 1
         rotor = self.rotor["set" if by_sets else "paper"]
         estimate = self.theta_hat
         if by_sets:
-            estimate = np.clip(self.evidence / np.maximum(self.information, 1e-9), self.lower, self.upper)
+            least_squares = self.evidence / np.maximum(self.information, 1e-9)
+            cut = np.minimum(np.maximum(least_squares, self.lower), self.upper)
+            estimate = np.where(self.set_excluded, least_squares, cut)
         named = np.arange(1, 5) == rotor
+        none_left = np.nan if self.set_excluded[named].any() else 0.0
+        warm = time - self.first_time > p.warm_up_time - self.dt / 2
         return {
             "fault_detected": self.detected,
             "faulty_rotor": rotor,
@@ -218,7 +222,7 @@ class ReferenceFdie:
             "detection_time": self.times["detection_time"],
             "isolation_time": self.times["set_isolation_time" if by_sets else "paper_isolation_time"],
             "residual": zeta - self.zeta_hat,
-            "threshold": self.bound + p.detection_noise_floor,
+            "threshold": self.bound + p.detection_noise_floor if warm else np.full(4, np.nan),
             "isolation_residual": (zeta - self.zeta_hat_s).ravel(),
             "isolation_threshold": (self.mu + p.isolation_noise_floor).ravel(),
             "excluded": self.paper_excluded,
@@ -230,6 +234,6 @@ class ReferenceFdie:
             "set_rotor": self.rotor["set"],
             "set_isolation_time": self.times["set_isolation_time"],
             "fie_loe_estimate": self.theta_hat if self.detected else np.zeros(4),
-            "loe_lower": self.lower[named].sum(),
-            "loe_upper": self.upper[named].sum(),
+            "loe_lower": self.lower[named].sum() + none_left,
+            "loe_upper": self.upper[named].sum() + none_left,
         }

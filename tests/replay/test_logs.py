@@ -202,6 +202,17 @@ def test_roll_and_pitch_are_integrated_where_no_attitude_was_logged(read, mappin
     assert not part.euler[:, 2].any()
 
 
+def test_the_position_is_taken_along_where_it_was_logged(read, mapping):
+    time = irregular_time()
+    path = np.outer(time - time[0], [1.0, 2.0, -3.0])
+    columns = foreign_log(time) | {"east": 100 * path[:, 1], "north": 100 * path[:, 0], "up": -100 * path[:, 2]}
+    mapping["position"] = {"columns": ["north", "east", "up"], "sign": [1, 1, -1], "unit": "cm"}
+    flight = read(columns)
+    np.testing.assert_allclose(flight.positions[0], np.outer(flight.parts[0].time, [1.0, 2.0, -3.0]), atol=1e-9)
+    del columns["north"]
+    assert read(columns).positions is None
+
+
 # Parts
 
 

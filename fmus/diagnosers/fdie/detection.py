@@ -50,7 +50,11 @@ def advance_detection(
     first_time = if_else(started, state.first_time, clock.time)
 
     exceeds = any_of(fabs(residual) > bound + parameters.detection_noise_floor)
-    warm = clock.time - first_time > parameters.warm_up_time - clock.dt / 2
-    detected = latch(state.fault_detected, logic_and(warm, exceeds))
+    detected = latch(state.fault_detected, logic_and(is_warm(first_time, parameters, clock), exceeds))
     detection_time = capture_time(state.detection_time, state.fault_detected, detected, clock.time)
     return DetectionState(first_time, residual, bound, detected, detection_time)
+
+
+def is_warm(first_time: Scalar, parameters: DetectionParameters, clock: Clock) -> Scalar:
+    """1 once a fault can be detected: a threshold is in force."""
+    return clock.time - first_time > parameters.warm_up_time - clock.dt / 2

@@ -96,7 +96,8 @@ def allowed_loss(residual: Vector, bound: Vector, signature: Vector, remembered:
 def estimated_loss(state: SetState) -> Vector:
     """Loss of each rotor (4) by least squares over channels and time, weights 1 / bound^2, cut to its interval.
 
-    The half of S_s that is subtracted from H_s is the middle of what may be missing.
+    The half of S_s that is subtracted from H_s is the middle of what may be missing. A rotor whose interval is empty,
+    because its loss changes for example, has nothing to be cut to.
     """
     estimate = state.set_evidence / fmax(state.set_information, NEGLIGIBLE)
-    return fmin(fmax(estimate, state.set_lower), state.set_upper)
+    return if_else(state.set_excluded, estimate, fmin(fmax(estimate, state.set_lower), state.set_upper))

@@ -12,7 +12,7 @@ from math import nan
 
 from casadi import horzcat, if_else, repmat, sum1
 
-from rotordx.fmus.diagnosers.fdie.detection import DetectionParameters, DetectionState, advance_detection
+from rotordx.fmus.diagnosers.fdie.detection import DetectionParameters, DetectionState, advance_detection, is_warm
 from rotordx.fmus.diagnosers.fdie.isolation import (
     IsolationParameters,
     IsolationState,
@@ -50,7 +50,7 @@ class Outputs(DiagnosisOutputs):
     """Channels are v_z, p, q, r; element 4 s + j belongs to estimator s, channel j, both counted from 0."""
 
     residual: Vector = port("m/s, rad/s", "epsilon of (19): v_z, p, q, r", start=(0,) * 4)
-    threshold: Vector = port("m/s, rad/s", "epsilon_bar of (23) and noise floor", start=(0,) * 4)
+    threshold: Vector = port("m/s, rad/s", "epsilon_bar of (23) and noise floor, NaN until warm", start=(nan,) * 4)
     isolation_residual: Vector = port("m/s, rad/s", "zeta - zeta_hat_s of (28)", start=(0,) * 16)
     isolation_threshold: Vector = port("m/s, rad/s", "mu_s of (31) and noise floor", start=(0,) * 16)
     excluded: Vector = port("1", "rotors excluded by the paper's rule (latched)", start=(0,) * 4)
@@ -62,8 +62,8 @@ class Outputs(DiagnosisOutputs):
     set_rotor: Scalar = port("1", "as faulty_rotor, by set membership")
     set_isolation_time: Scalar = port("s", "as isolation_time, by set membership", start=nan)
     fie_loe_estimate: Vector = port("1", "theta_hat_s of (27) of each estimator, 0 before detection", start=(0,) * 4)
-    loe_lower: Scalar = port("1", "smallest loss allowed of the named rotor, 0 before")
-    loe_upper: Scalar = port("1", "largest loss allowed of the named rotor, 0 before")
+    loe_lower: Scalar = port("1", "smallest loss allowed of the named rotor, 0 before, NaN if none is left")
+    loe_upper: Scalar = port("1", "largest loss allowed of the named rotor, 0 before, NaN if none is left")
 
 
 def step(
@@ -100,7 +100,7 @@ def step(
         detection_time=detection.detection_time,
         isolation_time=if_else(by_sets, naming.naming_time[1], naming.naming_time[0]),
         residual=detection.residual,
-        threshold=detection.bound + floor,
+        threshold=if_else(is_warm(detection.first_time, parameters, clock), detection.bound + floor, nan),
         isolation_residual=isolation.isolation_residual,
         isolation_threshold=isolation.isolation_bound + repmat(parameters.isolation_noise_floor, 4, 1),
         excluded=isolation.excluded,
@@ -112,7 +112,7 @@ def step(
         set_rotor=naming.named[1],
         set_isolation_time=naming.naming_time[1],
         fie_loe_estimate=if_else(detection.fault_detected, isolation.fie_loe, 0),
-        loe_lower=sum1(if_else(is_named, sets.set_lower, 0)),
-        loe_upper=sum1(if_else(is_named, sets.set_upper, 0)),
+        loe_lower=sum1(if_else(is_named, if_else(sets.set_excluded, nan, sets.set_lower), 0)),
+        loe_upper=sum1(if_else(is_named, if_else(sets.set_excluded, nan, sets.set_upper), 0)),
     )
     return State(**vars(known), **vars(detection), **vars(isolation), **vars(sets), **vars(naming), started=1), outputs
