@@ -20,7 +20,7 @@ CASES = {
     "with interval": (INTERVAL, "good", "estimated at 0.280 ± 0.030."),
     "no rotor": ({"isolation": None, "rotor": 0}, "fair", LOST + "detected after 500 ms, no rotor named."),
     "wrong rotor": ({"rotor": 3}, "bad", LOST + "detected after 500 ms, but rotor 3 was wrongly named after 1.00 s."),
-    "unknown": ({"rotor": -1}, "bad", "declared unlike any loss of a single rotor after 1.00 s."),
+    "unknown": ({"rotor": -1}, "bad", LOST + "detected after 500 ms, declared unlike any loss of a single rotor."),
     "missed": (
         {"detection": None, "isolation": None},
         "bad",
