@@ -72,9 +72,10 @@ format: $(VENV)/.lint
 bench: build $(VENV)/.test
 	$(BIN)/python -m tests.benchmarks.bench
 
-# Packaged designs: identified from healthy simulated flights.
+# Packaged designs: identified from healthy simulated flights, or designed and proved.
 designs: build
 	$(BIN)/python -m rotordx.orchestrator.healthy_flights
+	$(BIN)/python -m rotordx.gains.packaged
 
 # The full campaign behind the figures of merit; its results are written to tests/bars/results.
 bars: build $(VENV)/.test

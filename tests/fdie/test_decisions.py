@@ -13,6 +13,9 @@ from rotordx.fmus.shell.ports import flatten, start_values
 from tests.fdie.noisy_flights import FLIGHTS, NOISY, by_step, flown
 from tests.fdie.world import DT, parameter_values
 
+#: on one worker, because the flights are flown once for all tests
+pytestmark = pytest.mark.xdist_group("fdie-decisions")
+
 
 @pytest.fixture(scope="module")
 def outputs(diagnoser):

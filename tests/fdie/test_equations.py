@@ -21,6 +21,8 @@ from tests.equations import paper_model
 from tests.fdie.reference_form import ReferenceFdie
 from tests.fdie.world import DT, IDEAL, Diagnosers, World, parameter_values
 
+#: on one worker, because the flights are flown once for all tests
+pytestmark = pytest.mark.xdist_group("fdie-equations")
 SKEWED = perturbed(load_vehicle("lab_x"), np.random.default_rng(3), scale=5).fill(VehicleParameters)
 
 

@@ -10,6 +10,8 @@ import pytest
 
 from tests.fdie.world import DT, IDEAL, Diagnosers, World
 
+#: on one worker, because the flights are flown once for all tests
+pytestmark = pytest.mark.xdist_group("fdie-guarantees")
 FLIGHTS, STEPS = 1000, 1500  # 3 s; losses begin between 1 and 1.6 s
 
 

@@ -12,6 +12,8 @@ from rotordx.gains.design import write_design
 from rotordx.gains.flights import Flight
 from tests.fdie.world import DT, FILTER_BANDWIDTH, Diagnosers, World
 
+#: on one worker, because the flights are flown once for all tests
+pytestmark = pytest.mark.xdist_group("fdie-identification")
 LAB_X = load_vehicle("lab_x")
 OFFSET = np.array([0.1, -0.3, 0.2, 0.05])
 BOUND = {

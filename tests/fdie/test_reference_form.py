@@ -4,6 +4,9 @@ import pytest
 
 from tests.fdie.noisy_flights import FLIGHTS, STEPS, by_reference_form, by_step, deviation, flown
 
+#: on one worker, because the flights are flown once for all tests
+pytestmark = pytest.mark.xdist_group("fdie-reference-form")
+
 
 @pytest.fixture(scope="module")
 def samples():
