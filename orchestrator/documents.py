@@ -86,6 +86,9 @@ def override(document: dict[str, Any], assignment: str) -> None:
             if key not in elements:
                 raise UserError(f"--set {assignment}: {where} has {len(node)} elements, counted from 0")
             place: int | str = elements[key]
+        elif key.startswith("[") and node == {}:
+            example = "faults=[{rotor = 3, onset_s = 24.0, loss_of_effectiveness = 0.2}]"
+            raise UserError(f"--set {assignment}: there is no list {where}; give it whole, for example {example}")
         elif key.startswith("[") or not isinstance(node, dict):
             raise UserError(f"--set {assignment}: {where} is no {'list' if key.startswith('[') else 'table'}")
         else:

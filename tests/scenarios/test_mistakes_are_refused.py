@@ -107,6 +107,8 @@ OVERRIDES = {
     "faults.rotor=2": "--set faults.rotor=2: faults is no table",
     "duration_s.x=1": "--set duration_s.x=1: duration_s is no table",
     "duration_s[0]=1": "--set duration_s[0]=1: duration_s is no list",
+    "fautls[0].rotor=1": "--set fautls[0].rotor=1: there is no list fautls; give it whole, for example "
+    "faults=[{rotor = 3, onset_s = 24.0, loss_of_effectiveness = 0.2}]",
     "durations=1": "avram_circle: durations is not a known field, it must be one of 15 names (did you mean duration_s?)",
     "seed": "--set seed: write PATH=VALUE, for example faults[0].rotor=3",
     "=1": "--set =1: write PATH=VALUE, for example faults[0].rotor=3",
