@@ -21,7 +21,10 @@ def fly(component, duration, vehicle="lab_x", specimen=None, **parameters):
     The controller knows the `vehicle`; what flies is the `specimen`, if there is one. `parameters` has one dictionary
     per component.
     """
-    own = lambda name: parameters.get(name, {})  # noqa: E731
+
+    def own(name):
+        return parameters.get(name, {})
+
     flying = specimen or vehicle
     reference = component("reference", **own("reference")).initialise()
     start = {
@@ -32,7 +35,10 @@ def fly(component, duration, vehicle="lab_x", specimen=None, **parameters):
     controller = component("controller", vehicle, **own("controller")).initialise()
     esc = component("esc", flying, **own("esc")).initialise(rotor_speed_command=controller["rotor_speed_command"])
     plant = component("plant", flying, **start).initialise(rotor_speed=esc["rotor_speed"])
-    truth = lambda: {f"true_{name}": plant[name] for name in ("position", "euler", "body_rate")}  # noqa: E731
+
+    def truth():
+        return {f"true_{name}": plant[name] for name in ("position", "euler", "body_rate")}
+
     sensors = component("sensors", flying, initial_velocity=start["initial_velocity"], **own("sensors"))
     sensors.initialise(**truth())
 

@@ -40,7 +40,9 @@ def expected_loss(fault, time):
 
 
 def random_fault(rng, profile):
-    grid = lambda low, high: STEP * rng.integers(round(low / STEP), round(high / STEP))  # noqa: E731
+    def grid(low, high):
+        return STEP * rng.integers(round(low / STEP), round(high / STEP))
+
     return {
         "rotor": rng.integers(1, 5),
         "profile": profile,

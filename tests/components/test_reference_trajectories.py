@@ -34,7 +34,10 @@ def flown(component, name, duration=12.0, **parameters):
 def test_velocity_and_acceleration_are_derivatives_of_the_position(component, name, start):
     outputs = flown(component, name, **start)
     velocity, acceleration = outputs["velocity_reference"], outputs["acceleration_reference"]
-    derivative = lambda values: (values[2:] - values[:-2]) / (2 * STEP)  # noqa: E731
+
+    def derivative(values):
+        return (values[2:] - values[:-2]) / (2 * STEP)
+
     np.testing.assert_allclose(derivative(outputs["position_reference"]), velocity[1:-1], atol=1e-4)
     np.testing.assert_allclose(derivative(velocity), acceleration[1:-1], atol=0.05 if name == "waypoints" else 1e-2)
     yaw_rate = derivative(outputs["euler_reference"][:, 2])

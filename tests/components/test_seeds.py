@@ -49,7 +49,9 @@ def generated(seed, stream):
             z = (z ^ z >> 27) * 0x94D049BB133111EB % word
             yield z ^ z >> 31
 
-    rotated = lambda x, k: (x << k) % word | x >> (64 - k)  # noqa: E731
+    def rotated(x, k):
+        return (x << k) % word | x >> (64 - k)
+
     s = list(islice(splitmix64(seed ^ int.from_bytes(stream.encode(), "big")), 4))
     while True:
         result = (rotated((s[0] + s[3]) % word, 23) + s[0]) % word

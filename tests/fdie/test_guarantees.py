@@ -1,4 +1,4 @@
-"""Where the paper's assumptions hold exactly, no threshold is ever crossed that must not be: bar 1 of the issue.
+"""Where the paper's assumptions hold exactly, no threshold is ever crossed that must not be.
 
 Over a thousand random flights with ideal sensors and any uncertainty inside its bound: |epsilon| <= epsilon_bar before
 the fault, the estimator of the failed rotor stays below mu, set membership never excludes it, and its interval holds
