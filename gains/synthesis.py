@@ -26,6 +26,9 @@ from rotordx.gains.rounding import rounded, rounded_down, rounded_form, rounded_
 
 Array = NDArray[Any]
 
+#: Of the solver: above the accuracy at which it gets stuck, and its digits begin to depend on the processor.
+TOLERANCE = 1e-7
+
 #: Room for rounding: what is finally solved is so much stricter, relatively, than what is claimed.
 ROOM = 0.01
 
@@ -201,7 +204,7 @@ def solved(problem: cp.Problem) -> bool:
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="Solution may be inaccurate")
         try:
-            problem.solve(solver=cp.CLARABEL, tol_gap_abs=1e-6, tol_gap_rel=1e-6, tol_feas=1e-8)
+            problem.solve(solver=cp.CLARABEL, tol_gap_abs=TOLERANCE, tol_gap_rel=TOLERANCE, tol_feas=TOLERANCE)
         except cp.SolverError:
             return False
     return problem.status in (cp.OPTIMAL, cp.OPTIMAL_INACCURATE)

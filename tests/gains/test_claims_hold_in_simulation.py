@@ -9,7 +9,7 @@ from rotordx.fmus.model_terms import terms
 from rotordx.fmus.shell.ports import flatten
 from rotordx.fmus.vehicles import load_vehicle
 from rotordx.fmus.vehicles.parameters import VehicleParameters
-from rotordx.gains import analysis, asmto, flight_model, hinf, kalman, rho_adaptive, smo
+from rotordx.gains import analysis, asmto, fast_adaptive, flight_model, hinf, inequalities, kalman, rho_adaptive, smo
 from rotordx.gains.certificate import unplain
 from rotordx.gains.flight_model import Envelope
 from rotordx.gains.options import from_plain
@@ -220,8 +220,9 @@ def test_a_steady_filter_has_the_errors_that_its_certificate_says(packaged):
     document = packaged("lab_x", "askf")
     options = from_plain(kalman.Options, document["options"])
     model = kalman.filter_model(load_vehicle("lab_x"), options, losses=True)
-    K = np.array(document["parameters"]["kalman_gain"]).reshape(len(model.states), 4)
-    P = np.array(document["certificates"][0]["proof"]["P"])
+    K, proof = kalman.steady_filter(model, options.step_size)
+    assert K.flatten() == pytest.approx(document["parameters"]["kalman_gain"], rel=1e-4, abs=1e-6)
+    P = proof.P
     rng = np.random.default_rng(8)
     Q, R = np.sqrt(np.diag(model.Q)), np.sqrt(np.diag(model.R))
     errors = np.zeros((len(model.states), 2000))  # of predictions, many runs at once
@@ -231,6 +232,43 @@ def test_a_steady_filter_has_the_errors_that_its_certificate_says(packaged):
     measured = errors @ errors.T / errors.shape[1]
     assert np.diag(measured) == pytest.approx(np.diag(P), rel=0.12)
     assert np.linalg.eigvalsh(1.15 * P - measured)[0] > 0
+
+
+def test_the_bound_on_a_scalar_filter_is_its_covariance_and_nothing_less():
+    # e+ = e / 2 + 0.3 v + w with variances 2 and 1: the steady variance is (0.09 * 2 + 1) / (1 - 1/4)
+    steady = 1.18 / 0.75
+    rest = [np.array([[v]]) for v in (0.5, 0.3, 2.0, 1.0)]
+    assert inequalities.covariance_bound(np.array([[steady * 1.001]]), *rest)[0, 0] > 0
+    assert inequalities.covariance_bound(np.array([[steady * 0.999]]), *rest)[0, 0] < 0
+
+
+def test_fast_adaptive_estimates_have_the_noise_that_its_certificate_says(packaged):
+    """The estimator as its equations stand: proportional and integral part of the output error, no augmented state."""
+    document = packaged("lab_x", "fast_adaptive")
+    craft, parameters = load_vehicle("lab_x"), document["parameters"]
+    inertia = np.array(craft.parameters["inertia"])
+    scale = np.abs(flight_model.flight_model(craft).signatures[1:]).max(axis=1) * inertia  # N.m
+    B = np.vstack((np.zeros((3, 3)), np.diag(1 / inertia)))
+    A = np.eye(6, k=3)
+    L = np.array(parameters["observer_gain"]).reshape(6, 6)
+    F = np.array(parameters["fault_gain"]).reshape(3, 6)
+    Gamma, sigma = np.array(parameters["learning_rate"]), parameters["integral_rate"]
+    size = np.diag(document["certificates"][0]["model"]["V"])
+    rng, h, true = np.random.default_rng(9), 0.002, 0.2 * scale
+    x, x_hat, integral, samples = np.zeros(6), np.zeros(6), np.zeros(3), []
+    for k in range(40000):
+        y = x * 0 + size * rng.normal(size=6)  # the body is held at rest by a torque against the fault
+        e = x_hat - y
+        f_hat = -Gamma * (F @ e + sigma * integral)
+        samples.append(f_hat / scale)
+        for _ in range(4):  # explicit Euler with a quarter of the step, the measurement held
+            e = x_hat - y
+            f_hat = -Gamma * (F @ e + sigma * integral)
+            x_hat = x_hat + h / 4 * (A @ x_hat + B @ (f_hat - true) - L @ e)
+            integral = integral + h / 4 * (F @ e)
+    samples = np.array(samples[2000:])
+    assert samples.mean(axis=0) == pytest.approx([0.2] * 3, abs=0.01)
+    assert samples.std(axis=0) == pytest.approx(document["certificates"][0]["figures"]["noise_std"], rel=0.1)
 
 
 def test_undetectable_directions_are_exactly_those_that_no_output_shows():

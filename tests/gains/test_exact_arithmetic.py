@@ -50,6 +50,11 @@ def test_agrees_with_eigenvalues_where_these_are_clear():
         assert is_positive_definite(exactly(matrix)) == (smallest > 0)
 
 
+def test_the_decomposition_ends_at_a_pivot_that_is_not_positive():
+    assert list(pivots(np.array([[1, 1, 0], [1, 1, 0], [0, 0, 1]]))) == [1, 0]
+    assert list(pivots(np.array([[1, 2, 0], [2, 1, 0], [0, 0, 1]]))) == [1, -3]
+
+
 def test_an_asymmetric_matrix_is_refused():
     with pytest.raises(ValueError, match="symmetric"):
         is_positive_definite(np.array([[1.0, 0.5], [0.25, 1.0]]))

@@ -1,16 +1,14 @@
 """Reference figures: those of the design notes, of closed forms, and of what the papers print."""
 
-import dataclasses
-
 import numpy as np
 import pytest
 
 from rotordx.fmus.vehicles import Vehicle, load_vehicle
-from rotordx.gains import adaptive_thau, fault_models, hinf, rho_adaptive
+from rotordx.gains import adaptive_thau, fast_adaptive, hinf, rho_adaptive
 from rotordx.gains.analysis import hinf_norm
 from rotordx.gains.discretisation import spectral_radius, step_matrix
 from rotordx.gains.options import DesignError, with_settings
-from rotordx.gains.synthesis import solve
+from rotordx.gains.synthesis import Requirements, solve
 from rotordx.gains.thau import thau_gain
 
 #: K, P, F2 as Nguyen and Hong print them.
@@ -44,17 +42,17 @@ def test_no_smaller_gamma_is_found_by_bisection(reference_design, reference_opti
     assert optimum == pytest.approx(possible, rel=3e-3)
 
 
-def test_gamma_is_the_gain_of_the_shifted_loop_where_there_is_no_nonlinearity(reference_options):
-    # with L_f = 0 the inequality is the bounded real lemma of A + alpha I: its optimum for a gain is that norm
-    options = dataclasses.replace(reference_options, lipschitz=0.0)
-    model = fault_models.torque_faults(load_vehicle("ren_plus"), options)
-    design = hinf.design(load_vehicle("ren_plus"), dataclasses.replace(options, models=("tau3",)))
-    gain = hinf.subjects(load_vehicle("ren_plus"), dataclasses.replace(options, models=("tau3",)), design.parameters)
-    requirements = dataclasses.replace(options, disk_radius=None)
-    best = solve(model, requirements, gain=gain["tau3"].gain)
-    loop = next(model.close(gain["tau3"].gain))
-    shifted = loop.A + options.decay_rate * np.eye(len(loop.A))
-    assert best.gamma == pytest.approx(hinf_norm(shifted, loop.B, loop.C, loop.F), rel=1e-4)
+@pytest.mark.parametrize(("module", "name"), [(hinf, "tau3"), (fast_adaptive, "torques"), (adaptive_thau, "torques")])
+def test_without_nonlinearity_gamma_is_the_gain_of_the_loop(module, name):
+    # with L = 0 the inequality is the bounded real lemma of A + alpha I: its optimum for a gain is that norm
+    craft = load_vehicle("ren_plus")
+    settings = ["lipschitz=0", "decay_rate=1", *(['models=["tau3"]'] if module is hinf else [])]
+    options = with_settings(module.Options(), settings)
+    subject = module.subjects(craft, options, module.design(craft, options).parameters)[name]
+    best = solve(subject.model, Requirements(decay_rate=1.0, disk_radius=None), gain=subject.gain)
+    loop = next(subject.model.close(subject.gain))
+    norm = hinf_norm(loop.A + np.eye(len(loop.A)), loop.B, loop.C, loop.F)
+    assert best.gamma == pytest.approx(norm, rel=1e-4)
 
 
 def test_per_axis_gains_tell_the_channels_apart(reference_design):
