@@ -18,10 +18,11 @@ OBSERVERS = [
     ("hinf", "vz4"),
     ("hinf", "tau3"),
     ("asmto", "torques"),
+    ("fast_adaptive", "torques"),
     ("smo", "channels"),
     ("rho_adaptive", "adaptation"),
 ]
-MODULES = {"hinf": hinf, "asmto": asmto, "smo": smo, "rho_adaptive": rho_adaptive}
+MODULES = {"hinf": hinf, "asmto": asmto, "fast_adaptive": fast_adaptive, "smo": smo, "rho_adaptive": rho_adaptive}
 
 
 def subject_and_proof(document, name):
@@ -255,9 +256,9 @@ def test_fast_adaptive_estimates_have_the_noise_that_its_certificate_says(packag
     Gamma, sigma = np.array(parameters["learning_rate"]), parameters["integral_rate"]
     size = np.diag(document["certificates"][0]["model"]["V"])
     rng, h, true = np.random.default_rng(9), 0.002, 0.2 * scale
-    x, x_hat, integral, samples = np.zeros(6), np.zeros(6), np.zeros(3), []
-    for k in range(40000):
-        y = x * 0 + size * rng.normal(size=6)  # the body is held at rest by a torque against the fault
+    x_hat, integral, samples = np.zeros(6), np.zeros(3), []
+    for _ in range(40000):
+        y = size * rng.normal(size=6)  # the body rests: a controller holds it against the fault
         e = x_hat - y
         f_hat = -Gamma * (F @ e + sigma * integral)
         samples.append(f_hat / scale)

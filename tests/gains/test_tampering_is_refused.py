@@ -118,6 +118,14 @@ def test_a_weight_of_the_detection_bound_cannot_be_understated(packaged, tmp_pat
     assert "detection: effect of uncertainty and noise" in refused(write(document, tmp_path, sign=True))
 
 
+def test_a_threshold_whose_decay_does_not_exceed_the_nonlinearity_is_refused(packaged, tmp_path):
+    document = packaged("lab_x", "rho_adaptive")
+    document["certificates"][0]["proof"]["decay_rate"] = document["certificates"][0]["model"]["lipschitz"]
+    found = refused(write(document, tmp_path, sign=True))
+    assert "detection: b > alpha kappa_1" in found
+    assert "detection: decay b" not in found
+
+
 def test_a_covariance_bound_cannot_be_understated(packaged, tmp_path):
     document = packaged("lab_x", "askf")
     document["certificates"][0]["proof"]["P"] = [
