@@ -98,7 +98,7 @@ def covariance_bound(P: Any, transition: Any, gain: Any, measurement_noise: Any,
         gain: (n, p), K with which the measurement noise v enters.
         measurement_noise, process_noise: (p, p) and (n, n), covariances R and Q.
     """
-    return P - (transition @ P @ transition.T + process_noise)
+    return P - (transition @ P @ transition.T + gain @ measurement_noise @ gain.T + process_noise)
 
 
 def disturbance_bound(

@@ -235,6 +235,19 @@ def test_a_steady_filter_has_the_errors_that_its_certificate_says(packaged):
     assert np.linalg.eigvalsh(1.15 * P - measured)[0] > 0
 
 
+@pytest.mark.parametrize("losses", [False, True])
+def test_the_covariance_bound_is_above_the_steady_covariance_by_a_percent_at_most(losses):
+    options = kalman.Options()
+    model = kalman.filter_model(load_vehicle("crazyflie"), options, losses=losses)
+    K, proof = kalman.steady_filter(model, options.step_size)
+    after = np.eye(len(K)) - K @ model.C
+    covariance = np.zeros(model.A.shape)
+    for _ in range(5000):  # update in Joseph's form, then prediction
+        covariance = model.A @ (after @ covariance @ after.T + K @ model.R @ K.T) @ model.A.T + model.Q
+    assert np.linalg.eigvalsh(proof.P - covariance)[0] > 0
+    assert (np.diag(proof.P) / np.diag(covariance) - 1).max() < 0.01
+
+
 def test_the_bound_on_a_scalar_filter_is_its_covariance_and_nothing_less():
     # e+ = e / 2 + 0.3 v + w with variances 2 and 1: the steady variance is (0.09 * 2 + 1) / (1 - 1/4)
     steady = 1.18 / 0.75
