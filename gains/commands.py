@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from functools import wraps
 from importlib import import_module
+from importlib.metadata import entry_points
 from importlib.util import find_spec
 from pathlib import Path
 from pkgutil import iter_modules
@@ -16,6 +17,7 @@ import click
 
 if TYPE_CHECKING:
     from rotordx.gains.certificate import CertifiedDesign
+    from rotordx.gains.design import Design
 
 
 class _Mistake(click.ClickException):
@@ -46,7 +48,9 @@ def _plainly(command: Callable[..., None]) -> Callable[..., None]:
 @click.command("design", short_help="Design a diagnoser's gains, with a certificate.")
 @click.argument("diagnoser", metavar="ID")
 @click.option("--vehicle", default="lab_x", metavar="V", help="Name of a packaged vehicle, or path of a vehicle file.")
-@click.option("--out", type=click.Path(path_type=Path), default=Path("designs"), metavar="DIR", help="[designs]")
+@click.option(
+    "--out", type=click.Path(path_type=Path), default=Path("designs"), metavar="DIR", help="Folder [designs]."
+)
 @click.option("--speed", type=float, metavar="S", help="Faster (above 1) or quieter (below 1).")
 @click.option("--set", "settings", multiple=True, metavar="NAME=VALUE", help="Change an option; repeatable.")
 @click.option("--explain", "explained", is_flag=True, help="Say what is solved, and draw noise against speed.")
@@ -54,7 +58,7 @@ def _plainly(command: Callable[..., None]) -> Callable[..., None]:
 def design_command(
     diagnoser: str, vehicle: str, out: Path, speed: float | None, settings: tuple[str, ...], explained: bool
 ) -> None:
-    """Design the gains of diagnoser ID and write DIR/VEHICLE/ID.json, if its certificate holds.
+    """Design the parameters of diagnoser ID and write DIR/VEHICLE/ID.json, if the certificate holds.
 
     In the folder `designs` beside a vehicle file, designs are used whenever the vehicle is flown.
 
@@ -64,31 +68,12 @@ def design_command(
       rotordx design hinf --vehicle my_vehicle.toml --speed 2 --explain
       rotordx design asmto --set step_size=0.004 --set tilt=0.5
     """
-    from rotordx.fmus.vehicles import load_vehicle
-    from rotordx.gains import explain
-    from rotordx.gains.options import with_settings
-    from rotordx.gains.verify import write_proved
-
-    module = designer(diagnoser)
-    craft = load_vehicle(vehicle)
-    if speed is not None:
-        settings = (f"speed={speed}", *settings)
-    options = with_settings(module.Options(), settings)
-    start = perf_counter()
-    design = module.design(craft, options)
-    path = write_proved(design, out)
-    _show(design)
-    click.echo(f"{path} (designed and proved in {perf_counter() - start:.1f} s)")
-    if explained:
-        for line in explain.explanation(module, craft, options, design):
-            click.echo(line)
-        points = explain.trade_off(module, craft, options, design)
-        click.echo("\n  speed   settling time   noise of the estimates")
-        for point in points:
-            click.echo(f"  {point.speed:5g}   {point.settling_time:11.3f} s   {point.noise_std:.4g}")
-        drawing = path.with_suffix(".svg")
-        drawing.write_text(explain.figure(points, f"{diagnoser} for {craft.name}"), encoding="utf-8")
-        click.echo(f"{drawing}")
+    if identify := _identifier(diagnoser):
+        if speed is not None or settings or explained:
+            raise _Mistake(f"{diagnoser} is identified from healthy flights: there is nothing to set or to explain")
+        _identify(identify, vehicle, out)
+    else:
+        _design(diagnoser, vehicle, out, settings if speed is None else (f"speed={speed}", *settings), explained)
 
 
 @click.command("verify", short_help="Prove a design's certificate again.")
@@ -117,6 +102,48 @@ def verify_command(certificates: tuple[Path, ...]) -> None:
         raise click.ClickException(f"refused: {', '.join(map(str, refused))}")
 
 
+def _design(diagnoser: str, vehicle: str, out: Path, settings: tuple[str, ...], explained: bool) -> None:
+    """Design, prove, write, and say what was done."""
+    from rotordx.fmus.vehicles import load_vehicle
+    from rotordx.gains import explain
+    from rotordx.gains.options import with_settings
+    from rotordx.gains.verify import write_proved
+
+    module, craft = designer(diagnoser), load_vehicle(vehicle)
+    options = with_settings(module.Options(), settings)
+    start = perf_counter()
+    design = module.design(craft, options)
+    path = write_proved(design, out)
+    _show(design)
+    click.echo(f"{path} (designed and proved in {perf_counter() - start:.1f} s)")
+    if explained:
+        for line in explain.explanation(module, craft, options, design):
+            click.echo(line)
+        points = explain.trade_off(module, craft, options, design)
+        click.echo("\n  speed   settling time   noise of the estimates")
+        for point in points:
+            click.echo(f"  {point.speed:5g}   {point.settling_time:11.3f} s   {point.noise_std:.4g}")
+        if points:
+            drawing = path.with_suffix(".svg")
+            drawing.write_text(explain.figure(points, f"{diagnoser} for {craft.name}"), encoding="utf-8")
+            click.echo(f"{drawing}")
+
+
+def _identify(identify: Callable[[str], Design], vehicle: str, out: Path) -> None:
+    """Fly, identify, write, and say what was done."""
+    from rotordx.gains.design import write_design
+
+    start = perf_counter()
+    path = write_design(identify(vehicle), out)
+    click.echo(f"{path} (identified from healthy simulated flights in {perf_counter() - start:.1f} s)")
+
+
+def _identifier(diagnoser: str) -> Callable[[str], Design] | None:
+    """Function that flies a vehicle and identifies a diagnoser's design, if a higher floor has one."""
+    found = entry_points(group="rotordx.designers", name=diagnoser)
+    return next(iter(found)).load() if found else None
+
+
 def designer(diagnoser: str) -> ModuleType:
     """Module of `rotordx.gains` that designs a diagnoser.
 
@@ -126,20 +153,13 @@ def designer(diagnoser: str) -> ModuleType:
     from rotordx.gains.options import DesignError
 
     name = f"rotordx.gains.{diagnoser}"
-    if diagnoser.isidentifier() and find_spec(name):
-        module = import_module(name)
-        if hasattr(module, "subjects"):
-            return module
-        if hasattr(module, "identify"):
-            raise DesignError(
-                f"the parameters of {diagnoser} are identified from healthy flights, not designed from the vehicle "
-                "alone; run: rotordx identify LOG... --vehicle V --out NEW.toml"
-            )
+    if diagnoser.isidentifier() and find_spec(name) and hasattr(import_module(name), "subjects"):
+        return import_module(name)
     raise DesignError(f"there is nothing to design for {diagnoser}; choose among {', '.join(designable())}")
 
 
 def designable() -> list[str]:
-    """Diagnosers with a gain design: the modules of this package that say what their certificates are about."""
+    """Diagnosers with certified gains: the modules of this package that say what their certificates are about."""
     import rotordx.gains
 
     names = [module.name for module in iter_modules(rotordx.gains.__path__)]

@@ -105,10 +105,10 @@ class _Axis:
 
 
 def _axis(values: Sequence[float], first: float, last: float) -> _Axis:
-    """Axis from a fifth below the smallest to a fifth above the largest value, ticks at 1, 2 and 5 of each decade."""
+    """Axis from a fifth below the smallest to a fifth above the largest value; ticks at 1, 2, 3, 5, 7 of a decade."""
     low, high = log10(min(values) / 1.2), log10(max(values) * 1.2)
     slope = (last - first) / (high - low)
     start = first - slope * low
-    candidates = [digit * 10.0**decade for decade in range(floor(low), floor(high) + 1) for digit in (1, 2, 5)]
+    candidates = [digit * 10.0**decade for decade in range(floor(low), floor(high) + 1) for digit in (1, 2, 3, 5, 7)]
     ticks = [(v, start + slope * log10(v)) for v in candidates if low <= log10(v) <= high]
     return _Axis(start, slope, ticks)

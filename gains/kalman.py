@@ -157,12 +157,15 @@ def _inequalities(model: FilterModel, gain: Any, proof: FilterProof) -> dict[str
 
 def _figures(model: FilterModel, gain: Array, proof: FilterProof) -> dict[str, Any]:
     transition, input_gain = _closed(model, gain)
+    radius = spectral_radius(transition)
+    if radius >= 1:
+        raise np.linalg.LinAlgError("the filter is unstable")
     steady = solve_discrete_lyapunov(transition, input_gain @ model.R @ input_gain.T + model.Q)
     after = np.eye(len(model.states)) - gain @ model.C
     std = np.sqrt(np.diag(after @ steady @ after.T + gain @ model.R @ gain.T))
     estimates = slice(-4, None) if "fault" in model.states[-1] else slice(0, 4)
     return {
-        "spectral_radius": spectral_radius(transition),
+        "spectral_radius": radius,
         "estimates": list(model.states[estimates]),
         "noise_std": std[estimates].tolist(),
         "settling_time": settling_times(transition, np.eye(len(std))[estimates], estimates, proof.step_size),

@@ -17,17 +17,29 @@ __all__ = ["Options", "design", "subjects"]
 
 
 def design(vehicle: Vehicle, options: Options) -> CertifiedDesign:
-    """Covariances, and the steady gain of the bias-free stage with its certificate.
+    """Covariances, the steady gain of the bias-free stage, and certificates of that and of the joint estimate.
 
     Raises:
-        DesignError: if that stage has no steady state.
+        DesignError: if there is no steady state.
     """
-    gain, proof = kalman.steady_filter(kalman.filter_model(vehicle, options, losses=False), options.step_size)
+    gain, bias_free = kalman.steady_filter(kalman.filter_model(vehicle, options, losses=False), options.step_size)
+    _, joint = kalman.steady_filter(kalman.filter_model(vehicle, options, losses=True), options.step_size)
     parameters = kalman.common_parameters(vehicle, options) | {"bias_free_gain": gain.flatten()}
-    about = subjects(vehicle, options, parameters)["bias_free"]
-    return new_design("msjfo", vehicle, options, parameters, [Certificate.of("bias_free", about, proof)])
+    about = subjects(vehicle, options, parameters)
+    certificates = [
+        Certificate.of("joint", about["joint"], joint),
+        Certificate.of("bias_free", about["bias_free"], bias_free),
+    ]
+    return new_design("msjfo", vehicle, options, parameters, certificates)
 
 
 def subjects(vehicle: Vehicle, options: Options, parameters: dict[str, Any]) -> dict[str, Subject]:
-    """What the certificate is about, from the vehicle and the FMU parameters of the design."""
-    return {"bias_free": kalman.subject(vehicle, options, parameters["bias_free_gain"], losses=False)}
+    """What the certificates are about, from the vehicle and the FMU parameters of the design.
+
+    The stages together are the optimal filter: in hover their gain becomes that of the covariances.
+    """
+    joint, _ = kalman.steady_filter(kalman.filter_model(vehicle, options, losses=True), options.step_size)
+    return {
+        "joint": kalman.subject(vehicle, options, joint, losses=True),
+        "bias_free": kalman.subject(vehicle, options, parameters["bias_free_gain"], losses=False),
+    }

@@ -45,11 +45,17 @@ def figures(model: ErrorModel, gain: ObserverGain, proof: Proof) -> dict[str, An
     """Figures of the closed loops, the worst of all corners; noise and settling of the estimates in the first corner.
 
     Estimates are the faults, or the state where no fault is estimated.
+
+    Raises:
+        LinAlgError: if the observer is unstable, and nothing is finite.
     """
     loops = list(model.close(gain))
     estimates = model.faults if "fault" in model.states[-1] else slice(0, len(model.states))
     poles = np.concatenate([np.linalg.eigvals(loop.A) for loop in loops])
     steps = [step_matrix(loop.A, proof.step_size, proof.integrator) for loop in loops]
+    radius = max(spectral_radius(step) for step in steps)
+    if poles.real.max() >= 0 or radius >= 1:
+        raise np.linalg.LinAlgError("the observer is unstable")
     noise = analysis.noise_std(loops[0], model.E.shape[1], proof.step_size, proof.integrator)
     return {
         "gamma_without_nonlinearity": max(analysis.hinf_norm(loop.A, loop.B, loop.C, loop.F) for loop in loops),
@@ -59,7 +65,7 @@ def figures(model: ErrorModel, gain: ObserverGain, proof: Proof) -> dict[str, An
         },
         "slowest_pole": float(poles.real.max()),
         "fastest_pole": float(poles.real.min()),
-        "spectral_radius": max(spectral_radius(step) for step in steps),
+        "spectral_radius": radius,
         "condition_number": float(np.linalg.cond(proof.P)),
         "estimates": list(model.states[estimates]),
         "noise_std": (noise[estimates] / np.diag(model.W)[estimates]).tolist(),

@@ -23,7 +23,7 @@ from rotordx.gains.error_model import ErrorModel, ObserverGain
 from rotordx.gains.fault_models import ObserverOptions
 from rotordx.gains.flight_model import flight_model
 from rotordx.gains.observer_theory import OBSERVER, proof_inequalities, prove
-from rotordx.gains.options import POSITIVE, option
+from rotordx.gains.options import POSITIVE, DesignError, option
 from rotordx.gains.rounding import rounded
 from rotordx.gains.synthesis import Proof
 from rotordx.gains.theory import Certificate, Subject
@@ -35,7 +35,9 @@ Array = NDArray[np.float64]
 class Options(ObserverOptions):
     """Options of the design."""
 
-    speed: float = option(1.0, "1", "faster (above 1) or quieter (below 1): multiplies fault_rate", minimum=POSITIVE)
+    speed: float = option(
+        1.0, "1", "faster (above 1) or quieter (below 1): multiplies fault_rate and layer_gain", minimum=POSITIVE
+    )
     fault_rate: float = option(
         0.3, "1/s", "how fast losses are expected to change: decides the filter of the injection", minimum=POSITIVE
     )
@@ -67,19 +69,21 @@ def design(vehicle: Vehicle, options: Options) -> CertifiedDesign:
     Raises:
         DesignError: if the observer is unstable at the step, or nothing can be proved for the Lipschitz constant.
     """
-    limit = options.reserve * to_cancel(vehicle, options)
+    limit, layer_gain = options.reserve * to_cancel(vehicle, options), options.layer_gain * options.speed
+    if layer_gain <= options.linear_gain:
+        raise DesignError(f"the slope {layer_gain:g} 1/s within the layer must exceed linear_gain; take a higher speed")
     noise = fault_models.noise_sizes(vehicle, options)[[6, 3, 4, 5]]
     signature = np.abs(flight_model(vehicle).signatures).max(axis=1)
     density = (noise / signature) ** 2 * options.step_size
-    filter_time = np.cbrt(density * options.layer_gain / (options.fault_rate * options.speed) ** 2)
+    filter_time = np.cbrt(density * layer_gain / (options.fault_rate * options.speed) ** 2)
     parameters = {
         "linear_gain": np.full(4, options.linear_gain),
         "sliding_gain": np.array([rounded(v, 6) for v in limit]),
-        "boundary_layer": np.array([rounded(v, 6) for v in limit / (options.layer_gain - options.linear_gain)]),
+        "boundary_layer": np.array([rounded(v, 6) for v in limit / (layer_gain - options.linear_gain)]),
         "filter_time_constant": np.array([rounded(v, 6) for v in filter_time]),
     }
     subject = subjects(vehicle, options, parameters)["channels"]
-    proof = prove(subject, options.decay_rate, options, "a shorter step or a smaller layer_gain")
+    proof = prove(subject, options.decay_rate, options, "a shorter step, a lower speed or a smaller layer_gain")
     return new_design("smo", vehicle, options, parameters, [Certificate.of("channels", subject, proof)])
 
 
@@ -93,7 +97,7 @@ def subjects(vehicle: Vehicle, options: Options, parameters: dict[str, Any]) -> 
     model = fault_models.channels(vehicle, options, to_cancel(vehicle, options))
     linear, limit = np.array(parameters["linear_gain"]), np.array(parameters["sliding_gain"])
     steepest = linear + limit / np.array(parameters["boundary_layer"])
-    injections = (np.diag(linear), np.diag(rounded(steepest)))
+    injections = (np.diag(rounded(steepest)), np.diag(linear))  # within the layer, and far outside it
     return {"channels": Subject(SLIDING, model, SlidingGain(injections, np.zeros((4, 4)), np.diag(limit)))}
 
 

@@ -273,9 +273,15 @@ def _proof(
 def _obstacle(model: ErrorModel, requirements: Requirements, **given: Any) -> str:
     """One sentence that says why there is no solution."""
     if solve(dataclasses.replace(model, lipschitz=0.0), requirements, **given) is None:
+        if "gain" in given:
+            return (
+                f"no quadratic form proves a decay of {requirements.decay_rate:g} 1/s for these gains and their "
+                "discrete step together; take a shorter step, smaller gains or a smaller decay_rate"
+            )
+        disk = f" with all poles in a disk of radius {requirements.disk_radius} 1/s" if requirements.disk_radius else ""
         return (
-            f"no observer decays at {requirements.decay_rate:g} 1/s with all its poles in a disk of radius "
-            f"{requirements.disk_radius} 1/s; take a larger disk_radius or a smaller decay_rate"
+            f"no observer decays at {requirements.decay_rate:g} 1/s{disk}; take a larger disk_radius or a smaller "
+            "decay_rate"
         )
     possible, impossible = 0.0, model.lipschitz
     while impossible - possible > 0.02 * impossible:

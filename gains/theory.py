@@ -25,7 +25,7 @@ class Theory:
     model: type[Any]  #: dataclass of the model
     proof: type[Any]  #: dataclass of the proof
     inequalities: Matrices  #: matrices that must be positive definite; also of fractions
-    figures: Figures  #: numbers to know
+    figures: Figures  #: numbers to know; raises LinAlgError if they are not finite
     formulas: tuple[Callable[..., Any], ...]  #: functions whose docstrings explain the inequalities
     #: from proof and figures: (value, limit) of what must stay below a limit but is no inequality of matrices
     limits: Callable[[Any, dict[str, Any]], dict[str, tuple[float, float]]] = no_limits

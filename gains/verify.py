@@ -79,7 +79,7 @@ def checks(document: dict[str, Any], path: Path) -> Iterator[Check]:
     """Checks of the plain data of a design that lies, or will lie, at a path.
 
     Raises:
-        DesignError: if something that a design consists of is missing.
+        DesignError: if something that a design consists of is missing or malformed.
     """
     try:
         yield from _file_checks(document, path)
@@ -92,8 +92,10 @@ def checks(document: dict[str, Any], path: Path) -> Iterator[Check]:
         for name in [name for name in subjects if name in claims]:
             for check in _certificate_checks(claims[name], subjects[name]):
                 yield dataclasses.replace(check, what=f"{name}: {check.what}")
-    except (KeyError, ModuleNotFoundError) as error:
-        raise DesignError(f"{path} is not a complete design file: {error} is missing; design it anew") from error
+    except DesignError:
+        raise
+    except (AttributeError, ImportError, IndexError, KeyError, TypeError, ValueError) as error:
+        raise DesignError(f"{path} is not a complete design file: {error}; design it anew") from error
 
 
 def _check(what: str, passed: bool, reason: str, detail: str = "") -> Check:

@@ -50,6 +50,14 @@ def test_a_design_is_written_proved_and_used_with_its_vehicle(run, tmp_path):
     assert "mass changed since the design; design it anew" in stale.output
 
 
+def test_the_bounds_of_fdie_are_identified_from_simulated_flights(run, tmp_path, packaged):
+    made = run(design_command, "fdie")
+    assert made.exit_code == 0, made.output
+    path = tmp_path / "designs" / "lab_x" / "fdie.json"
+    assert json.loads(path.read_text(encoding="utf-8")) == packaged("lab_x", "fdie")
+    assert run(verify_command, str(path)).exit_code == 0
+
+
 def test_verify_checks_every_file_before_it_ends(run, tmp_path, packaged):
     good, bad = packaged("lab_x", "thau"), packaged("lab_x", "smo")
     bad["parameters"]["linear_gain"][0] += 1
@@ -100,7 +108,7 @@ def test_explain_says_what_is_solved_and_draws_the_trade_off(run, tmp_path):
     ("arguments", "sentence"),
     [
         (("nothing",), "there is nothing to design for nothing; choose among adaptive_thau, askf"),
-        (("fdie",), "rotordx identify"),
+        (("fdie", "--speed", "2"), "fdie is identified from healthy flights"),
         (("thau", "--vehicle", "nowhere"), "no packaged vehicle `nowhere`"),
         (("thau", "--set", "spead=2"), "did you mean speed"),
         (("hinf", "--set", 'models=["attitude4"]'), "[1, 1, 1, 1]"),

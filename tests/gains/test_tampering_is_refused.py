@@ -154,6 +154,21 @@ def test_an_incomplete_file_is_refused_with_what_is_missing(packaged, tmp_path, 
         list(checks(document, tmp_path / "designs" / "lab_x" / "thau.json"))
 
 
+def test_an_unstable_observer_is_refused_without_a_trace(packaged, tmp_path):
+    document = packaged("lab_x", "hinf")
+    document["parameters"]["observer_gain"] = [0.0] * len(document["parameters"]["observer_gain"])
+    found = refused(write(document, tmp_path, sign=True))
+    assert "vz4: bounded real, corner 1" in found
+    assert found["vz4: figures"] == "cannot be computed: the observer is unstable"
+
+
+@pytest.mark.parametrize("damage", [{"observer_gain": [1.0]}, {"observer_gain": "x"}, {}])
+def test_damaged_parameters_are_refused_with_a_sentence(packaged, tmp_path, damage):
+    document = packaged("lab_x", "hinf") | {"parameters": damage}
+    with pytest.raises(DesignError, match="not a complete design file"):
+        verify(write(document, tmp_path, sign=True))
+
+
 @pytest.mark.parametrize("text", ["", "[]", '{"schema": "rotordx design, version 0"}', "nonsense"])
 def test_what_is_no_design_is_refused(tmp_path, text):
     path = tmp_path / "x.json"
