@@ -21,7 +21,7 @@ from rotordx.orchestrator.system import System
 #: Angular rate (rad/s) and yaw amplitude (rad) of the circles: below, at and above those of the benchmark.
 CIRCLES = ((0.6, 0.3), (0.8, 0.5), (1.0, 0.7))
 SEED = 100
-PACKAGED_VEHICLES = ("lab_x", "crazyflie")
+PACKAGED_VEHICLES = ("lab_x", "crazyflie", "f450_plus", "ren_plus")
 
 
 def flight_of(recording: Recording, name: str) -> Flight:
