@@ -79,8 +79,8 @@ def with_settings(options: T, settings: Iterable[str]) -> T:
     return options
 
 
-def _replaced(options: T, name: str, value: Any) -> T:
-    fields = {field.name: field for field in dataclasses.fields(options)}  # type: ignore[arg-type]
+def _replaced(options: Any, name: str, value: Any) -> Any:
+    fields = {field.name: field for field in dataclasses.fields(options)}
     if name not in fields:
         near = difflib.get_close_matches(name, fields, n=1)
         hint = f" (did you mean {near[0]}?)" if near else ""
@@ -91,7 +91,7 @@ def _replaced(options: T, name: str, value: Any) -> T:
         converted = _converted(value, kind)
         if converted is not _MISFIT:
             _check_range(name, converted, fields[name].metadata)
-            return dataclasses.replace(options, **{name: converted})  # type: ignore[type-var]
+            return dataclasses.replace(options, **{name: converted})
     wanted = " or ".join(_NAMES.get(typing.get_origin(kind) or kind, "a value") for kind in allowed)
     raise DesignError(f"the option {name} must be {wanted}, not {value!r}")
 
