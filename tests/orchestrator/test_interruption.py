@@ -8,6 +8,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 #: `rotordx run` in which the flight gets SIGINT from itself at t = 0.5 s, so that it surely is in the middle
 IN_THE_MIDDLE = """
 import functools, os, signal
@@ -47,3 +49,13 @@ def assert_interrupted(process: subprocess.Popen[str], folder: Path) -> None:
 
 def test_in_the_middle_of_a_flight(tmp_path):
     assert_interrupted(start(["-c", IN_THE_MIDDLE], tmp_path), tmp_path)
+
+
+@pytest.mark.parametrize("scenario", ["hover"])
+def test_as_soon_as_it_says_what_it_flies(tmp_path, scenario):
+    command = f"from rotordx.orchestrator.cli import main; main(['run', '{scenario}', '--set', 'duration_s=1200'])"
+    process = start(["-c", command], tmp_path)
+    assert process.stderr is not None
+    assert process.stderr.readline() == "hover on lab_x: 1200 s\n"
+    process.send_signal(signal.SIGINT)
+    assert_interrupted(process, tmp_path)
