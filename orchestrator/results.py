@@ -3,44 +3,31 @@
 from __future__ import annotations
 
 import json
-import secrets
-import shutil
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from rotordx.orchestrator import report
+from rotordx.orchestrator import folders, report
 from rotordx.orchestrator.errors import UserError
+from rotordx.orchestrator.folders import whole_folder
 from rotordx.orchestrator.recording import Recording
 
 SUMMARY, TIMESERIES, REPORT = "summary.json", "timeseries.parquet", "report.html"
+FILES = (SUMMARY, TIMESERIES, REPORT)
 _ORIGIN = b"rotordx"  #: key of the Parquet metadata that holds what the signals came from, as JSON
 
 
 def write(recording: Recording, summary: dict[str, Any], folder: str | Path) -> None:
-    """Write a result folder; an earlier result in its place is replaced.
-
-    Everything is written beside the folder first and renamed into place, so that an error or Ctrl-C at any time
-    leaves either the whole new result or what was there before.
+    """Write a result folder, whole or not at all; an earlier result in its place is replaced.
 
     Raises:
         UserError: the folder cannot be written, or holds something else than a result.
     """
-    folder = Path(folder).absolute()
-    check_folder(folder)
-    partial = folder.with_name(f".{folder.name}.{secrets.token_hex(4)}.partial")
-    try:
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        partial.mkdir()
+    with whole_folder(folder, FILES) as partial:
         write_timeseries(recording, partial / TIMESERIES)
         (partial / SUMMARY).write_text(json.dumps(summary, indent=2, allow_nan=False) + "\n", encoding="utf-8")
         (partial / REPORT).write_text(report.html(recording, summary), encoding="utf-8")
-        _move_into_place(partial, folder)
-    except OSError as error:
-        raise UserError(_cannot_write(folder, error.strerror or str(error))) from error
-    finally:
-        shutil.rmtree(partial, ignore_errors=True)
 
 
 def check_folder(folder: str | Path) -> None:
@@ -49,17 +36,7 @@ def check_folder(folder: str | Path) -> None:
     Raises:
         UserError: something that is not a result is in the place of the folder.
     """
-    folder = Path(folder).absolute()
-    try:
-        if not folder.exists():
-            return
-        if not folder.is_dir():
-            raise UserError(_cannot_write(folder, "a file of that name is in its place"))
-        foreign = sorted({path.name for path in folder.iterdir()} - {SUMMARY, TIMESERIES, REPORT})
-    except OSError as error:
-        raise UserError(_cannot_write(folder, error.strerror or str(error))) from error
-    if foreign:
-        raise UserError(_cannot_write(folder, f"it holds other things than a result, such as {foreign[0]}"))
+    folders.check_folder(folder, FILES)
 
 
 def read(folder: str | Path) -> tuple[Recording, dict[str, Any]]:
@@ -140,22 +117,3 @@ def _columns(key: str, values: np.ndarray) -> list[tuple[str, np.ndarray]]:
     if values.ndim == 1:
         return [(key, values)]
     return [(f"{key}[{i + 1}]", column) for i, column in enumerate(values.T)]
-
-
-def _move_into_place(partial: Path, folder: Path) -> None:
-    """Rename, keeping an earlier result until the new one stands."""
-    earlier = partial.with_suffix(".earlier")
-    try:
-        if folder.exists():
-            folder.rename(earlier)
-        partial.rename(folder)
-    except BaseException:
-        if earlier.exists() and not folder.exists():
-            earlier.rename(folder)
-        raise
-    shutil.rmtree(earlier, ignore_errors=True)
-
-
-def _cannot_write(folder: Path, reason: str) -> str:
-    reason = reason[:1].lower() + reason[1:]
-    return f"The result folder {folder} cannot be written: {reason}. Choose another one with --out."

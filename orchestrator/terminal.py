@@ -21,22 +21,23 @@ COLOURS = {"good": "green", "fair": "yellow", "bad": "red", "open": "default"}
 
 
 @contextmanager
-def progress(title: str, duration: float) -> Iterator[Callable[[float], None]]:
-    """A function that shows how much time (s) of a flight of `duration` is done.
+def progress(title: str, total: float, unit: str = " s") -> Iterator[Callable[[float], None]]:
+    """A function that shows how much of a flight's time (s), or of other work, is done.
 
     On a terminal it is a bar, which disappears at the end; otherwise one line at the start has to do.
     """
     if not sys.stderr.isatty():
-        click.echo(f"{title}: {duration:g} s", err=True)
+        click.echo(f"{title}: {total:g}{unit}" if unit else f"{title} ...", err=True)
         yield lambda _: None
         return
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
     console = Console(stderr=True)
-    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.completed:.1f} s"), TimeElapsedColumn())
+    done = TextColumn(f"{{task.completed:.1f}}{unit}" if unit else "{task.percentage:.0f} %")
+    columns = (TextColumn("{task.description}"), BarColumn(), done, TimeElapsedColumn())
     with Progress(*columns, console=console, transient=True) as bar:
-        task = bar.add_task(title, total=duration)
+        task = bar.add_task(title, total=total)
         yield lambda time: bar.update(task, completed=time)
 
 

@@ -11,14 +11,18 @@ that acted during the step which ends there, (clock.time - clock.dt, clock.time]
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from math import nan
 from typing import TypeVar
 
-from casadi import exp, expm1, fmax, if_else, mmax
+from casadi import DM, exp, expm1, fmax, if_else, mmax
 
 from rotordx.fmus.shell.ports import Scalar, Vector, port, ports, table
 
 T = TypeVar("T")
+
+#: Rotors are numbered from 1.
+ROTORS = DM([1, 2, 3, 4])
 
 
 @ports
@@ -102,3 +106,12 @@ def critically_damped_filter(
     slope = rate + bandwidth * error
     decay = exp(-bandwidth * dt)
     return target + decay * (error + slope * dt), decay * (rate - bandwidth * slope * dt)
+
+
+def runge_kutta(derivative: Callable[[Vector, float], Vector], start: Vector, dt: Scalar) -> Vector:
+    """One step of the classical fourth-order method; derivative(value, share) after a share of the step."""
+    first = derivative(start, 0.0)
+    second = derivative(start + dt / 2 * first, 0.5)
+    third = derivative(start + dt / 2 * second, 0.5)
+    fourth = derivative(start + dt * third, 1.0)
+    return start + dt / 6 * (first + 2 * second + 2 * third + fourth)

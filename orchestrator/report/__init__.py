@@ -43,10 +43,14 @@ def html(recording: Recording, summary: dict[str, Any]) -> str:
         "scores": _scores(summary),
         "settings": _settings(recording, summary),
         "data": json.dumps(page, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c"),
-        "plotly": _plotly(),
     }
-    template = (files(__package__) / "page.html").read_text(encoding="utf-8")
-    return re.sub(r"\{\{(\w+)\}\}", lambda match: parts[match[1]], template)
+    return page_of((files(__package__) / "page.html").read_text(encoding="utf-8"), parts)
+
+
+def page_of(template: str, parts: dict[str, str]) -> str:
+    """A template with its `{{parts}}` in place, and with `style` and `plotly`, which all pages share."""
+    common = {"style": (files(__package__) / "page.css").read_text(encoding="utf-8"), "plotly": _plotly()}
+    return re.sub(r"\{\{(\w+)\}\}", lambda match: (common | parts)[match[1]], template)
 
 
 def _sections(recording: Recording, summary: dict[str, Any], columns: Columns) -> list[tuple[str, list[Figure]]]:

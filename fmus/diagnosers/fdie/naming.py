@@ -4,16 +4,13 @@ from __future__ import annotations
 
 from math import nan
 
-from casadi import DM, if_else, logic_and, repmat, sum1, vertcat
+from casadi import if_else, logic_and, repmat, sum1, vertcat
 
-from rotordx.fmus.diagnosers.interface import Clock, capture_time
+from rotordx.fmus.diagnosers.interface import ROTORS, Clock, capture_time
 from rotordx.fmus.shell.ports import Scalar, Vector, port, ports
 
 #: The rules, in the order in which their decisions lie in memory.
 RULES = ("paper", "set_membership")
-
-#: Rotors are numbered from 1.
-ROTORS = DM([1, 2, 3, 4])
 
 
 @ports

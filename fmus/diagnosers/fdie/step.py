@@ -20,7 +20,7 @@ from rotordx.fmus.diagnosers.fdie.isolation import (
     initial_isolation,
 )
 from rotordx.fmus.diagnosers.fdie.model import ModelParameters, ModelState, known_model
-from rotordx.fmus.diagnosers.fdie.naming import ROTORS, NamingParameters, NamingState, advance_naming
+from rotordx.fmus.diagnosers.fdie.naming import NamingParameters, NamingState, advance_naming
 from rotordx.fmus.diagnosers.fdie.set_membership import (
     SetParameters,
     SetState,
@@ -28,7 +28,7 @@ from rotordx.fmus.diagnosers.fdie.set_membership import (
     estimated_loss,
     initial_set,
 )
-from rotordx.fmus.diagnosers.interface import Clock, Command, DiagnosisOutputs, Measured, select
+from rotordx.fmus.diagnosers.interface import ROTORS, Clock, Command, DiagnosisOutputs, Measured, select
 from rotordx.fmus.shell.ports import Scalar, Vector, port, ports
 from rotordx.fmus.vehicles.parameters import VehicleParameters
 
