@@ -8,6 +8,7 @@ moves it.
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
@@ -43,6 +44,14 @@ class ObserverOptions(Envelope):
     )
     velocity_noise: float | None = option(
         None, "m/s", "weight of the noise of v_z; none: from the vehicle's sensors", minimum=POSITIVE
+    )
+    uncertainty: tuple[float, float, float, float] = option(
+        (0.3, 1.0, 1.0, 0.3),
+        "m/s2, rad/s2",
+        "largest accelerations of v_z, p, q, r that a healthy vehicle has beyond its model and a constant offset",
+    )
+    noise_multiple: float = option(
+        4.5, "1", "largest measurement noise that margins allow for, in standard deviations", minimum=POSITIVE
     )
     state_weight: float = option(0.1, "1", "weight of the state's error in the performance output z", minimum=POSITIVE)
     lipschitz: float | None = option(None, "1/s", "Lipschitz constant; none: computed over the envelope")
@@ -86,28 +95,38 @@ def noise_sizes(vehicle: Vehicle, options: ObserverOptions) -> Array:
 def rotor_faults(vehicle: Vehicle, options: FaultObserverOptions) -> ErrorModel:
     """`vz4`: attitude, body rates and v_z measured, four independent rotor faults.
 
-    If v_z is filtered, thrust and faults reach it through w0^2 / (s + w0)^2, two more states. The vertical effect of
-    thrust follows the cosine of the tilt, which is measured: one corner for each end of its range.
+    If v_z is filtered, the filter is part of the model: from the captured height z, whose noise n drives it, and with
+    lag = z - (z behind the filter), v' = w0^2 (lag + n) - 2 w0 v is the v_z that is measured, lag' = v_z - v. That noise
+    is anything but white in v. The vertical effect of thrust follows the cosine of the tilt, which is measured: one
+    corner for each end of its range.
     """
     hover = flight_model(vehicle)
-    lag = ("lagged_acceleration", "filtered_acceleration") if options.filtered_velocity else ()
-    states = (*ATTITUDE, *RATES, "v_z", *lag, *ROTOR_FAULTS)
+    filter_states = ("filtered_v_z", "filter_lag") if options.filtered_velocity else ()
+    states = (*ATTITUDE, *RATES, *filter_states, "v_z", *ROTOR_FAULTS)
+    bandwidth = vehicle.fill(SensorParameters).velocity_filter_bandwidth
+    v_z = states.index("v_z")
     corners = []
     for cosine in sorted({1.0, float(np.cos(options.tilt))}, reverse=True):
         A = _attitude_and_rates(states, hover.jacobian[1:, 1:])
         A[_rows(states, RATES), -4:] = -hover.signatures[1:]
-        vertical = -cosine * hover.signatures[0]
-        v_z = states.index("v_z")
-        A[v_z, v_z] = hover.jacobian[0, 0]
-        if lag:
-            bandwidth = vehicle.fill(SensorParameters).velocity_filter_bandwidth
-            A[v_z + 1, -4:], A[v_z + 1, v_z + 1] = bandwidth * vertical, -bandwidth
-            A[v_z + 2, v_z + 1], A[v_z + 2, v_z + 2] = bandwidth, -bandwidth
-            A[v_z, v_z + 2] = 1.0
-        else:
-            A[v_z, -4:] = vertical
+        A[v_z, v_z], A[v_z, -4:] = hover.jacobian[0, 0], -cosine * hover.signatures[0]
+        if filter_states:
+            A[v_z - 2, v_z - 2 : v_z] = -2 * bandwidth, bandwidth**2
+            A[v_z - 1, v_z], A[v_z - 1, v_z - 2] = 1.0, -1.0
         corners.append(A)
-    return _with_faults(vehicle, options, states, (*ATTITUDE, *RATES, "v_z"), corners)
+    outputs = (*ATTITUDE, *RATES, *(filter_states[:1] or ("v_z",)))
+    model = _with_faults(vehicle, options, states, outputs, corners)
+    if not filter_states:
+        return model
+    noise = np.eye(len(states))[:, [v_z - 2]] * (bandwidth**2 * _height_noise(vehicle, options))
+    return dataclasses.replace(model, E=rounded(np.hstack((model.E, noise))))
+
+
+def _height_noise(vehicle: Vehicle, options: ObserverOptions) -> float:
+    """Size (m) of noise that is new in each sample and as strong at low frequencies as that of held captures."""
+    sensors = vehicle.fill(SensorParameters)
+    held = max(1.0, sensors.motion_capture_period / options.step_size)
+    return float(sensors.motion_capture_position_noise_std * np.sqrt(held))
 
 
 def torque_scale(vehicle: Vehicle) -> Array:
@@ -199,7 +218,7 @@ def _with_faults(
 ) -> ErrorModel:
     faults = [name.startswith("fault") for name in states]
     weights = np.where(faults, options.fault_weight, options.state_weight)
-    weights[[name.endswith("_acceleration") for name in states]] = 0.0  # of the filter, not of the vehicle
+    weights[[name.startswith("filter") for name in states]] = 0.0  # not of the vehicle
     E = np.eye(len(states))[:, faults] * (options.fault_rate * options.speed)
     return _error_model(vehicle, options, states, outputs, corners, E, weights)
 

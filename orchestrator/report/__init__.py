@@ -17,7 +17,7 @@ from rotordx.orchestrator.report import diagnosis_figures, flight_figures
 from rotordx.orchestrator.report.axes import Figure
 from rotordx.orchestrator.report.columns import Columns
 from rotordx.orchestrator.report.events import events
-from rotordx.orchestrator.report.verdict import delay_phrase, percent, verdict
+from rotordx.orchestrator.report.verdict import delay_phrase, isolation_phrase, percent, verdict
 
 
 def html(recording: Recording, summary: dict[str, Any]) -> str:
@@ -93,8 +93,9 @@ def _verdicts(recording: Recording, summary: dict[str, Any]) -> str:
     rows = []
     for diagnoser in summary["diagnosers"]:
         found = verdict(recording, summary, diagnoser)
+        who = ", ".join(filter(None, (diagnoser, isolation_phrase(recording, diagnoser))))
         rows.append(
-            f'<li class="{found.state}"><span class="who">{escape(diagnoser)}</span> '
+            f'<li class="{found.state}"><span class="who">{escape(who)}</span> '
             f"<span>{escape(found.sentence)}</span></li>"
         )
     return "\n".join(rows) or '<li class="open"><span>No diagnoser was run.</span></li>'

@@ -86,6 +86,13 @@ def rotor_phrase(rotor: int) -> str:
     return {0: "no rotor", -1: "no single rotor"}.get(rotor, f"rotor {rotor}")
 
 
+def isolation_phrase(recording: Recording, diagnoser: str) -> str:
+    """How a diagnoser comes from faults to rotors, if it says so by its output `isolation_model`; else empty."""
+    model = recording.signals.get(f"{diagnoser}.isolation_model")
+    phrases = {1.0: "takes it that one rotor failed", 4.0: "four independent rotor losses"}
+    return "" if model is None else phrases.get(float(model[-1]), "")
+
+
 def _without_fault(recording: Recording, summary: dict[str, Any], score: dict[str, Any]) -> Verdict:
     healthy = truth_known(recording)
     if not score["fault_detected"]:

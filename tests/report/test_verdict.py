@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rotordx.orchestrator import metrics
+from rotordx.orchestrator import metrics, report
 from rotordx.orchestrator.report.verdict import verdict
 from tests.results.hand_made import FAULT, recording
 
@@ -75,3 +75,12 @@ def test_a_verdict_is_good_exactly_if_the_figures_are(how, state):
         assert state in ("bad", "fair")
     if score["isolation_correct"]:
         assert state == "good"
+
+
+@pytest.mark.parametrize(
+    ("model", "phrase"), [(1.0, "takes it that one rotor failed"), (4.0, "four independent rotor losses"), (None, "")]
+)
+def test_the_report_says_how_a_diagnoser_comes_to_rotors(model, phrase):
+    flown = recording(isolation_model=None if model is None else np.full(101, model))
+    page = report.html(flown, metrics.summarise(flown))
+    assert f'<span class="who">{", ".join(filter(None, ("d", phrase)))}</span>' in page
