@@ -7,6 +7,7 @@ from importlib.metadata import entry_points
 
 import click
 
+from rotordx.orchestrator import interruption
 from rotordx.orchestrator.errors import RunError, UserError
 
 GROUP = "rotordx.commands"
@@ -43,7 +44,8 @@ class Commands(click.Group):
     def invoke(self, ctx: click.Context) -> object:
         """Run a command: exit code 2 for an error of the user's, 1 for a run that failed or was interrupted."""
         try:
-            return super().invoke(ctx)
+            with interruption.remembered():
+                return super().invoke(ctx)
         except UserError as error:
             raise UserFailure(str(error)) from error
         except RunError as error:

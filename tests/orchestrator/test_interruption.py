@@ -24,6 +24,23 @@ flight.fly = functools.partial(flight.fly, callback=interrupt, callback_decimati
 main(["run", "hover"])
 """
 
+#: `rotordx run` in which SIGINT comes while C calls Python: the exception is printed there and dropped
+WITHIN_A_CALLBACK = """
+import ctypes, os, signal
+from rotordx.orchestrator.system import System
+from rotordx.orchestrator.cli import main
+
+initialise = System.initialise
+callback = ctypes.CFUNCTYPE(None)(lambda: os.kill(os.getpid(), signal.SIGINT))
+
+def interrupted(*arguments):
+    callback()
+    initialise(*arguments)
+
+System.initialise = interrupted
+main(["run", "hover"])
+"""
+
 
 def start(arguments: list[str], folder: Path) -> subprocess.Popen[str]:
     (folder / "temporary").mkdir()
@@ -49,6 +66,10 @@ def assert_interrupted(process: subprocess.Popen[str], folder: Path) -> None:
 
 def test_in_the_middle_of_a_flight(tmp_path):
     assert_interrupted(start(["-c", IN_THE_MIDDLE], tmp_path), tmp_path)
+
+
+def test_while_c_code_calls_back(tmp_path):
+    assert_interrupted(start(["-c", WITHIN_A_CALLBACK], tmp_path), tmp_path)
 
 
 @pytest.mark.parametrize("scenario", ["hover"])
