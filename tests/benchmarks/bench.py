@@ -6,6 +6,7 @@ is not met is marked.
 
 from __future__ import annotations
 
+import functools
 import os
 import subprocess
 import sys
@@ -16,6 +17,8 @@ from pathlib import Path
 
 import numpy as np
 
+from rotordx.fmus import diagnoser_ids
+from rotordx.fmus.diagnosers.codegen import INSTRUCTION_BUDGET, diagnoser_function
 from rotordx.orchestrator import metrics, report, results
 from rotordx.orchestrator.flight import fly
 from rotordx.orchestrator.scenario import load_scenario
@@ -154,6 +157,26 @@ def whole_flight(table: Table) -> None:
     table.row("size of the report", len(page.encode()) / 1e6, "MB", at_most=6)
 
 
+def diagnosers(table: Table) -> None:
+    """One step of each diagnoser alone, and the number of operations that it consists of."""
+    names = diagnoser_ids()
+    scenario = load_scenario(SCENARIO, diagnosers=names)
+    with System(scenario) as system:
+        alone = {name: Stepper([system.components[name]], None, scenario.step_size_s) for name in names}
+
+        def start() -> None:
+            system.initialise(scenario)
+            system.stepper.advance(0, WARM_UP)
+
+        times = best_cpu_times(
+            {name: functools.partial(stepper.advance, WARM_UP, STEPS) for name, stepper in alone.items()}, start
+        )
+    table.heading("One step of each diagnoser")
+    for name, seconds in times.items():
+        table.row(name, 1e9 * seconds / STEPS, "ns")
+        table.row("  operations", diagnoser_function(name).n_instructions(), "", at_most=INSTRUCTION_BUDGET)
+
+
 def start_up(table: Table) -> None:
     """From a command to its effect; a machine that is busy with something else shows in the wall times."""
     table.heading("Start-up, wall time and CPU time")
@@ -174,6 +197,7 @@ def main() -> None:
     for fmi in (2, 3):
         per_step(table, fmi)
     whole_flight(table)
+    diagnosers(table)
     start_up(table)
 
 
