@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "esc_ports.hpp"
+#include "model_terms.h"
 
 namespace rotordx {
 
@@ -24,8 +25,8 @@ struct Model {
     const Rotors command =
         ports.rotor_speed_command().array().max(ports.rotor_speed_min()).min(ports.rotor_speed_max());
     const Rotors target = ((1.0 - loss) * battery).sqrt() * command;  // thrust goes with the square of speed
-    const Rotors speed = ports.rotor_speed().array();
-    ports.rotor_speed() = target + std::exp(-dt / ports.motor_time_constant()) * (speed - target);
+    const Eigen::Vector4d speed = ports.rotor_speed();
+    motor_lag(speed.data(), target.data(), &dt, ports.vehicle_parameters(), ports.rotor_speed().data());
     ports.loss_of_effectiveness() = loss;
   }
 
