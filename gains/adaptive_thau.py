@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from rotordx.fmus.vehicles import Vehicle
 from rotordx.fmus.vehicles.parameters import VehicleParameters
-from rotordx.gains import fault_models
+from rotordx.gains import fault_models, margins
 from rotordx.gains.certificate import CertifiedDesign, new_design
 from rotordx.gains.error_model import ErrorModel, ObserverGain
 from rotordx.gains.fault_models import FaultObserverOptions
@@ -44,7 +44,7 @@ class Options(FaultObserverOptions):
     learning_rate: tuple[float, float, float] | None = option(
         None,
         "N2.m2",
-        "diagonal of Gamma; none: the steady Kalman filter's for fault_rate and gyro noise",
+        "diagonal of Gamma; none: the steady Kalman filter's for fault_rate and gyro noise, if that is damped",
         minimum=POSITIVE,
     )
     leak: float = option(1.0, "1/(N.m)", "leak of the fault estimate, kappa: makes (20) robust and biases it a little")
@@ -62,6 +62,7 @@ def design(vehicle: Vehicle, options: Options) -> CertifiedDesign:
     parameters = thau_parameters(vehicle, options)
     subject = subjects(vehicle, options, parameters)["torques"]
     proof = prove(subject, options.decay_rate, options, "rk4, a shorter step, or a lower speed")
+    parameters |= margins.margin("adaptive_thau", vehicle, parameters, "acceleration_fault", options)
     return new_design("adaptive_thau", vehicle, options, parameters, [Certificate.of("torques", subject, proof)])
 
 
@@ -71,6 +72,8 @@ def thau_parameters(vehicle: Vehicle, options: Options) -> dict[str, Any]:
     A random walk of the fault of intensity (fault_rate scale)^2, seen through gyro noise of density gyro_noise^2
     step_size, gives the steady Kalman filter a gain from rate to fault of (fault_rate scale) / (gyro_noise
     sqrt(step_size)), which is p Gamma / J^2. All three estimates then carry the same noise relative to their scales.
+    But K is not that filter's: the loop is s^2 + epsilon s + p Gamma / J^2; beyond (2/3 epsilon)^2, a damping of 3/4
+    and an overshoot of 3 %, the estimate becomes noisier without settling sooner.
     """
     inertia = np.asarray(vehicle.fill(VehicleParameters).inertia)
     model = fault_models.torque_faults(vehicle, options)
@@ -78,7 +81,8 @@ def thau_parameters(vehicle: Vehicle, options: Options) -> dict[str, Any]:
     if options.learning_rate is None:
         density = fault_models.noise_sizes(vehicle, options)[3:6] * np.sqrt(options.step_size)
         rate_to_fault = options.fault_rate * options.speed * fault_models.torque_scale(vehicle) / density
-        learning_rate = rounded(rate_to_fault * inertia**2 / options.lyapunov_scale, 6)
+        damped = np.minimum(rate_to_fault, (2 / 3 * options.epsilon) ** 2)
+        learning_rate = rounded(damped * inertia**2 / options.lyapunov_scale, 6)
     else:
         learning_rate = np.array(options.learning_rate)
     return {

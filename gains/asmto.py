@@ -16,13 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotordx.fmus.vehicles import Vehicle
-from rotordx.gains import fault_models
+from rotordx.gains import fault_models, margins
 from rotordx.gains.adaptive_thau import Options as AdaptiveThauOptions
 from rotordx.gains.adaptive_thau import augmented_gain, leaking, thau_parameters
 from rotordx.gains.certificate import CertifiedDesign, new_design
 from rotordx.gains.error_model import ObserverGain
 from rotordx.gains.observer_theory import OBSERVER, prove
-from rotordx.gains.options import POSITIVE, option
+from rotordx.gains.options import option
 from rotordx.gains.rounding import rounded
 from rotordx.gains.theory import Certificate, Subject
 
@@ -42,9 +42,6 @@ class Options(AdaptiveThauOptions):
     sliding_gain_max: float = option(1.0, "rad/s2", "largest n, the disturbance that the sliding term can cancel")
     sliding_rate: float = option(0.1, "rad/s3", "alpha of (14): growth of n per unit of |F1 e_y| outside the dead zone")
     sliding_leak: float = option(0.1, "1/s", "leak of n, which lets it return")
-    noise_multiple: float = option(
-        4.5, "1", "boundary layer and dead zone in standard deviations of F1 e_y by noise", minimum=POSITIVE
-    )
 
 
 def design(vehicle: Vehicle, options: Options) -> CertifiedDesign:
@@ -67,6 +64,7 @@ def design(vehicle: Vehicle, options: Options) -> CertifiedDesign:
     }
     subject = subjects(vehicle, options, parameters)["torques"]
     proof = prove(subject, options.decay_rate, options, "rk4, a shorter step, or a thicker boundary layer")
+    parameters |= margins.margin("asmto", vehicle, parameters, "acceleration_fault", options)
     return new_design("asmto", vehicle, options, parameters, [Certificate.of("torques", subject, proof)])
 
 

@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_continuous_lyapunov
+from scipy.stats import norm
 
 from rotordx.fmus.vehicles import Vehicle
-from rotordx.gains import fault_models
+from rotordx.gains import fault_models, margins
 from rotordx.gains.certificate import CertifiedDesign, new_design
 from rotordx.gains.error_model import ObserverGain
 from rotordx.gains.fault_models import ObserverOptions
 from rotordx.gains.observer_theory import OBSERVER, prove
 from rotordx.gains.options import POSITIVE, DesignError, option
-from rotordx.gains.rounding import rounded_rows
+from rotordx.gains.rounding import rounded, rounded_rows
 from rotordx.gains.theory import Certificate, Subject
 
 Array = NDArray[np.float64]
@@ -31,6 +32,15 @@ class Options(ObserverOptions):
         100.0, "1/s", "of Lemma 1: the observer's poles lie near -epsilon; 100 gives the printed K", minimum=POSITIVE
     )
     disturbance: float = option(1.0, "rad/s2", "weight of unknown angular accelerations in w", minimum=POSITIVE)
+    filter_bandwidth: float = option(
+        10.0,
+        "rad/s",
+        "of the low-pass behind the sensitive residual: what it lets through is its noise",
+        minimum=POSITIVE,
+    )
+    false_alarm_time: float = option(
+        3.6e5, "s", "mean time between samples at which noise alone exceeds its part of the fast margin", minimum=1.0
+    )
 
 
 def thau_gain(A: Array, C: Array, epsilon: float) -> Array:
@@ -51,18 +61,31 @@ def thau_gain(A: Array, C: Array, epsilon: float) -> Array:
 
 
 def design(vehicle: Vehicle, options: Options) -> CertifiedDesign:
-    """Gain by Lemma 1, and the Lipschitz condition that the lemma omits.
+    """Gain by Lemma 1 with the Lipschitz condition that the lemma omits, and a margin for each of the two residuals.
 
     Raises:
         DesignError: if the observer is unstable at the step, or the Lipschitz constant too large for it.
     """
     model = fault_models.attitude(vehicle, options, options.disturbance)
     epsilon = options.epsilon * options.speed
-    parameters = {"observer_gain": rounded_rows(thau_gain(model.A[0], model.C, epsilon)).flatten()}
+    parameters: dict[str, Any] = {
+        "observer_gain": rounded_rows(thau_gain(model.A[0], model.C, epsilon)).flatten(),
+        "filter_bandwidth": options.filter_bandwidth,
+    }
     subject = subjects(vehicle, options, parameters)["attitude"]
     half = epsilon / 4  # half of the decay that Lemma 1 has without nonlinearity
     proof = prove(subject, half, options, "a shorter step or a lower speed")
+    fast = margins.margin("thau", vehicle, parameters, "acceleration_fault", fast_options(options))
+    parameters |= margins.margin("thau", vehicle, parameters, "filtered_acceleration_fault", options)
+    parameters["fast_margin"] = fast["margin"]
+    parameters["settling_time"] = np.zeros(4)  # all channels rise alike: on the way up they look like a smaller loss
     return new_design("thau", vehicle, options, parameters, [Certificate.of("attitude", subject, proof)])
+
+
+def fast_options(options: Options) -> Options:
+    """The noise multiple for three residuals that are as good as new at every sample: exceeded once in a long while."""
+    share = options.step_size / options.false_alarm_time / len(fault_models.RATES) / 2
+    return replace(options, noise_multiple=rounded(float(norm.isf(share)), 4))
 
 
 def subjects(vehicle: Vehicle, options: Options, parameters: dict[str, Any]) -> dict[str, Subject]:
