@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotordx.fmus.vehicles import Vehicle
-from rotordx.gains import fault_models
+from rotordx.fmus.vehicles.parameters import SensorParameters
+from rotordx.gains import fault_models, margins
 from rotordx.gains.certificate import CertifiedDesign, new_design
 from rotordx.gains.error_model import ErrorModel, ObserverGain
 from rotordx.gains.fault_models import ObserverOptions
@@ -39,15 +40,12 @@ class Options(ObserverOptions):
         1.0, "1", "faster (above 1) or quieter (below 1): multiplies fault_rate and layer_gain", minimum=POSITIVE
     )
     fault_rate: float = option(
-        0.3, "1/s", "how fast losses are expected to change: decides the filter of the injection", minimum=POSITIVE
+        0.1, "1/s", "how fast losses are expected to change: decides the filter of the injection", minimum=POSITIVE
     )
     loe_max: float = option(0.5, "1", "largest loss of one rotor whose acceleration the sliding term cancels")
-    uncertainty: tuple[float, float, float, float] = option(
-        (0.5, 1.5, 1.5, 0.5), "m/s2, rad/s2", "unknown accelerations of v_z, p, q, r that it cancels besides"
-    )
     reserve: float = option(1.2, "1", "M over the largest acceleration that it has to cancel", minimum=1.01)
     linear_gain: float = option(20.0, "1/s", "k, the slope of the injection far outside the layer")
-    layer_gain: float = option(100.0, "1/s", "slope of the injection within the boundary layer", minimum=POSITIVE)
+    layer_gain: float = option(40.0, "1/s", "slope of the injection within the boundary layer", minimum=POSITIVE)
     decay_rate: float = option(
         2.0, "1/s", "alpha that is proved: errors decay at least as exp(-alpha t)", minimum=POSITIVE
     )
@@ -76,14 +74,16 @@ def design(vehicle: Vehicle, options: Options) -> CertifiedDesign:
     signature = np.abs(flight_model(vehicle).signatures).max(axis=1)
     density = (noise / signature) ** 2 * options.step_size
     filter_time = np.cbrt(density * layer_gain / (options.fault_rate * options.speed) ** 2)
-    parameters = {
+    parameters: dict[str, Any] = {
         "linear_gain": np.full(4, options.linear_gain),
         "sliding_gain": np.array([rounded(v, 6) for v in limit]),
         "boundary_layer": np.array([rounded(v, 6) for v in limit / (layer_gain - options.linear_gain)]),
         "filter_time_constant": np.array([rounded(v, 6) for v in filter_time]),
+        "velocity_filter_bandwidth": vehicle.fill(SensorParameters).velocity_filter_bandwidth,
     }
     subject = subjects(vehicle, options, parameters)["channels"]
     proof = prove(subject, options.decay_rate, options, "a shorter step, a lower speed or a smaller layer_gain")
+    parameters |= margins.margin("smo", vehicle, parameters, "acceleration_estimate", options)
     return new_design("smo", vehicle, options, parameters, [Certificate.of("channels", subject, proof)])
 
 
