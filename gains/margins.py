@@ -158,8 +158,8 @@ def _cascade(world: _World, F: Array, G: Array, H: Array, K: Array, step_size: f
         found[k] = H @ x + K @ u
         x = F @ x + G @ u
         c, u = world.A @ c, world.C @ c
-    parts = np.split(found, [4, 7, 10], axis=2)
-    return Responses(*parts, step_size=step_size)
+    accelerations, gyro, attitude, position = np.split(found, [4, 7, 10], axis=2)
+    return Responses(accelerations, gyro, attitude, position, step_size)
 
 
 def _column(instance: Any) -> Array:

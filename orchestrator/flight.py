@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rotordx.fmus.vehicles import Vehicle
+from rotordx.orchestrator import interruption
 from rotordx.orchestrator.component import ComponentError
 from rotordx.orchestrator.recording import Recording
 from rotordx.orchestrator.scenario import Scenario
@@ -19,6 +20,10 @@ from rotordx.orchestrator.wiring import EXTERNAL
 
 CHUNK = 500  #: steps between two looks at Ctrl-C and two reports of progress, well below 10 ms
 TIMED_STEPS, TIMED_ROUNDS = 500, 5
+
+
+class FlightEnded(Exception):
+    """Raised by a callback that ends a flight before its time; what was flown until then is recorded."""
 
 
 class Signals(Mapping[str, NDArray[np.float64]]):
@@ -57,6 +62,7 @@ def fly(
     *,
     actual_vehicle: Vehicle | None = None,
     external: Mapping[str, ArrayLike] | None = None,
+    initial: Mapping[str, ArrayLike] | None = None,
     callback: Callable[[float, Signals], None] | None = None,
     callback_decimation: int = 1,
     log_every: int = 1,
@@ -69,8 +75,11 @@ def fly(
         system: one to use again, see `System`; None: one is made for this flight and freed after it.
         actual_vehicle: the vehicle as it is, if controller and diagnosers do not know it exactly.
         external: all external signals over time, (steps + 1, size) or (steps + 1,) each: row 0 initialises, row k is
-            what the step that ends at t = k h works with. None: they are 0 until the callback sets them.
-        callback: called with the time (s) and the signals before every n-th step, first at t = 0.
+            what the step that ends at t = k h works with. None: they keep their initial values until the callback
+            sets them.
+        initial: initial values of all external signals, (size,) or () each, if `external` is None; None: 0.
+        callback: called with the time (s) and the signals before every n-th step, first at t = 0; it may raise
+            `FlightEnded`.
         callback_decimation: this n.
         log_every: the recording has the initial values, and those after every n-th step.
         progress: called now and then with the time flown (s).
@@ -84,18 +93,25 @@ def fly(
         if system is None:
             system = stack.enter_context(System(scenario))
         rows = None if external is None else _external_rows(external, system, scenario.steps)
+        held = rows
+        if rows is None and initial is not None:
+            held = _external_rows({key: np.reshape(values, (1, -1)) for key, values in initial.items()}, system, 0)
         begin = time.perf_counter()
-        system.initialise(scenario, actual_vehicle, None if rows is None else rows[0])
+        system.initialise(scenario, actual_vehicle, None if held is None else held[0])
         log = np.empty((system.wiring.width, scenario.steps // log_every + 1)).T  # so that each signal is contiguous
         log[0] = system.stepper.bus
         buffer = np.empty((CHUNK, system.wiring.width))
         signals = Signals(system)
         done = 0
         while done < scenario.steps:
+            interruption.check()
             count = min(CHUNK, scenario.steps - done)
             if callback is not None:
                 if done % callback_decimation == 0:
-                    callback(done * scenario.step_size_s, signals)
+                    try:
+                        callback(done * scenario.step_size_s, signals)
+                    except FlightEnded:
+                        break
                 count = min(count, callback_decimation - done % callback_decimation)
             logged, logged_after = done // log_every + 1, (done + count) // log_every + 1
             chunk = buffer[: logged_after - logged]
@@ -105,17 +121,17 @@ def fly(
             done += count
             if progress is not None:
                 progress(done * scenario.step_size_s)
-        wall_time = time.perf_counter() - begin
+        wall_time, duration = time.perf_counter() - begin, done * scenario.step_size_s
         return Recording.from_log(
-            np.arange(0, scenario.steps + 1, log_every, dtype=float) * scenario.step_size_s,
-            log,
+            np.arange(0, done + 1, log_every, dtype=float) * scenario.step_size_s,
+            log[: done // log_every + 1],
             system.wiring.signals,
-            scenario=scenario.plain(),
+            scenario=scenario.plain() | ({} if done == scenario.steps else {"duration_s": duration}),
             faults=[fault.model_dump(exclude_none=True) for fault in scenario.faults],
             diagnosers=list(scenario.diagnosers),
             measurements={
                 "wall_time_s": wall_time,
-                "real_time_factor": scenario.duration_s / wall_time,
+                "real_time_factor": duration / wall_time,
                 "messages": {name: list(c.messages) for name, c in system.components.items() if c.messages},
                 "step_time_ns": {name: _step_time_ns(system, name, done) for name in scenario.diagnosers},
             },
