@@ -10,6 +10,7 @@ from typing import Any
 
 import casadi as ca
 
+from rotordx.fmus.diagnosers.c99 import strict_header, strict_source
 from rotordx.fmus.diagnosers.interface import Clock, Command, Inputs, Measured
 from rotordx.fmus.shell.ports import STEP_SIZE, Component, flatten, size, start_values, table, unflatten, with_starts
 from rotordx.fmus.vehicles import load_design
@@ -79,13 +80,16 @@ def start_function(name: str) -> ca.Function:
 
 def step_source(name: str) -> dict[str, str]:
     """C99 source and header of a diagnoser: file name -> contents; no heap, nothing but libm."""
-    options: Any = {"casadi_int": "int", "with_header": True}
+    options: Any = {"casadi_int": "int"}
     generator = ca.CodeGenerator(f"{name}_step", options)
-    generator.add(start_function(name))
-    generator.add(diagnoser_function(name))
+    functions = [start_function(name), diagnoser_function(name)]
+    for function in functions:
+        generator.add(function)
     with tempfile.TemporaryDirectory() as folder:
         generator.generate(f"{folder}/")
-        return {file: (Path(folder) / file).read_text() for file in (f"{name}_step.c", f"{name}_step.h")}
+        printed = (Path(folder) / f"{name}_step.c").read_text()
+    source, header = f"{name}_step.c", f"{name}_step.h"
+    return {source: strict_source(source, printed), header: strict_header(*(f.name() for f in functions))}
 
 
 def model(name: str) -> tuple[str, list[str]]:

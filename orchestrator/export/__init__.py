@@ -1,0 +1,1 @@
+"""What leaves rotordx for other people's tools: diagnosers as C for firmware."""

@@ -1,0 +1,6 @@
+#pragma once
+#include <cstdint>
+struct vehicle_attitude_s {
+  uint64_t timestamp;
+  float q[4];
+};

@@ -1,0 +1,6 @@
+#pragma once
+#include <cstdint>
+struct vehicle_local_position_s {
+  uint64_t timestamp;
+  float vz;
+};
