@@ -20,7 +20,8 @@ def design(vehicle: Vehicle, options: Options) -> CertifiedDesign:
         DesignError: if the filter has no steady state.
     """
     gain, proof = kalman.steady_filter(kalman.filter_model(vehicle, options, losses=True), options.step_size)
-    parameters = kalman.common_parameters(vehicle, options) | {"kalman_gain": gain.flatten()}
+    parameters = kalman.noise_parameters(vehicle, options) | {"kalman_gain": gain.flatten()}
+    parameters |= kalman.decision_parameters("askf", vehicle, options, parameters)
     about = subjects(vehicle, options, parameters)["augmented"]
     return new_design("askf", vehicle, options, parameters, [Certificate.of("augmented", about, proof)])
 

@@ -7,10 +7,13 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from rotordx.fmus.vehicles import Vehicle
 from rotordx.gains import kalman
 from rotordx.gains.certificate import CertifiedDesign, new_design
 from rotordx.gains.kalman import Options
+from rotordx.gains.rounding import rounded
 from rotordx.gains.theory import Certificate, Subject
 
 __all__ = ["Options", "design", "subjects"]
@@ -22,9 +25,15 @@ def design(vehicle: Vehicle, options: Options) -> CertifiedDesign:
     Raises:
         DesignError: if there is no steady state.
     """
-    gain, bias_free = kalman.steady_filter(kalman.filter_model(vehicle, options, losses=False), options.step_size)
+    model = kalman.filter_model(vehicle, options, losses=False)
+    gain, bias_free = kalman.steady_filter(model, options.step_size)
+    innovation = np.diag(model.C @ bias_free.P @ model.C.T + model.R)
     _, joint = kalman.steady_filter(kalman.filter_model(vehicle, options, losses=True), options.step_size)
-    parameters = kalman.common_parameters(vehicle, options) | {"bias_free_gain": gain.flatten()}
+    parameters = kalman.noise_parameters(vehicle, options) | {
+        "bias_free_gain": gain.flatten(),
+        "bias_free_innovation_variance": rounded(innovation, 6),
+    }
+    parameters |= kalman.decision_parameters("msjfo", vehicle, options, parameters)
     about = subjects(vehicle, options, parameters)
     certificates = [
         Certificate.of("joint", about["joint"], joint),

@@ -23,9 +23,9 @@ from rotordx.fmus.shell.ports import start_values, table
 from rotordx.fmus.vehicles import load_vehicle
 from rotordx.fmus.vehicles.parameters import REFERENCE_VEHICLE, VehicleParameters
 
-STEP_SIZE = 0.02  #: s, long, so that a few rows reach past the warm-up
-DURATION = 4.0  #: s
-ONSET = 2.5  #: s
+STEP_SIZE = 0.02  #: s, long, so that few rows reach past warm-up and calibration
+DURATION = 8.0  #: s
+ONSET = 6.0  #: s, after the warm-up and calibration of every diagnoser
 LOSS = 0.2
 SIGNIFICANT_DIGITS = 12
 
@@ -51,7 +51,7 @@ def reference_inputs() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         squared_speed = np.array(ca.solve(ca.DM(effect), wanted)).ravel()
         squared_speed[0] /= 1 - LOSS * (time[k] > ONSET)
         inputs.append([*np.sqrt(squared_speed), *euler[k], *body_rate[k], 0.0])
-    return time, np.array(inputs)
+    return time, np.array([[float(_written(value)) for value in row] for row in inputs])  # what a replay reads
 
 
 def reference_outputs(diagnoser: str, time: NDArray[np.float64], inputs: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -77,7 +77,11 @@ def rows(diagnoser: str) -> Iterator[list[str]]:
     time, inputs = reference_inputs()
     outputs = reference_outputs(diagnoser, time, inputs)
     for row in np.column_stack((time, inputs, outputs)):
-        yield [f"{value:.{SIGNIFICANT_DIGITS}g}" for value in row]
+        yield [_written(value) for value in row]
+
+
+def _written(value: float) -> str:
+    return f"{value:.{SIGNIFICANT_DIGITS}g}"
 
 
 def reference_file(diagnoser: str) -> Path:

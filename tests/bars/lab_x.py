@@ -1,7 +1,7 @@
 """All fault observers side by side: the same flights of lab_x for each, nominal and with the Monte Carlo spread.
 
 Diagnosers do not act on the flight, so that one flight serves all of them. `fdie` is left out: its bounds are
-identified for each specimen, which `campaign.py` does. `python -m tests.bars.lab_x` (`make bars`) flies all of it on
+identified for each specimen, which `fdie.py` does. `python -m tests.bars.lab_x` (`make bars`) flies all of it on
 two processes and writes its figures to tests/bars/results; `fly_part` flies a part of it, which a test does.
 """
 
@@ -25,7 +25,7 @@ from rotordx.orchestrator.flight import fly
 from rotordx.orchestrator.metrics import summarise
 from rotordx.orchestrator.scenario import load_scenario
 from rotordx.orchestrator.system import System
-from tests.bars.campaign import RESULTS, ROTORS
+from tests.bars.fdie import RESULTS, ROTORS
 
 DIAGNOSERS = [name for name in diagnoser_ids() if name not in ("null", "fdie")]
 ONSET_S = 24.0

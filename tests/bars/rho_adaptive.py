@@ -21,7 +21,7 @@ from rotordx.orchestrator.reproduction._attitude_experiments import Outcome, exp
 from rotordx.orchestrator.reproduction._fault_free import fault_free_runs
 from rotordx.orchestrator.scenario import load_scenario
 from rotordx.orchestrator.system import System
-from tests.bars.campaign import RESULTS, ROTORS
+from tests.bars.fdie import RESULTS, ROTORS
 
 DIAGNOSERS = ["rho_adaptive", "smo"]
 RUNS, CONTROL_RUNS = 900, 60

@@ -38,8 +38,10 @@ def test_it_begins_on_its_trajectory_and_stays_near_it(name):
     flown = fly(scenario).signals
     error = flown["plant.position"] - flown["reference.position_reference"]
     drifts = scenario.parameters["trajectory"] == "roll_sine"  # roll is flown directly, only altitude is held
+    sinks = len(scenario.faults) == 4  # all rotors lose thrust, until the controller has made up for it
     assert np.abs(error[0]).max() < 1e-9
-    assert np.abs(error[:, 2]).max() < 0.15
-    assert np.abs(error[:, :2]).max() < (20.0 if drifts else 0.3)
+    assert np.abs(error[:, 2]).max() < (2.5 if sinks else 0.15)
+    swing = 9.81 * scenario.parameters["roll_amplitude"] / scenario.parameters["angular_rate"] ** 2 if drifts else 0.0
+    assert np.abs(error[:, :2]).max() < (20.0 + swing if drifts else 0.6 if sinks else 0.3)
     velocity = flown["plant.velocity"][0] - flown["reference.velocity_reference"][0]
     assert drifts or np.abs(velocity).max() < 1e-3

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from rotordx.fmus.diagnosers import interface
 from rotordx.fmus.diagnosers.adaptive_thau import adaptation
 from rotordx.fmus.diagnosers.asmto import step as asmto
 from rotordx.fmus.diagnosers.thau import observer
@@ -61,7 +62,7 @@ def test_nothing_mutated_follows_the_continuous_observer():
         pytest.param("asmto", asmto.sliding_term, "return -gain", "return gain", id="sign-of-sliding-term"),
         pytest.param("asmto", asmto.gain_rate, "- parameters.dead_zone, 0)", ", 0)", id="no-dead-zone"),
         pytest.param("asmto", asmto.gain_rate, "- parameters.sliding_leak * gain", "", id="no-leak-of-n"),
-        pytest.param("thau", observer.runge_kutta, "first + 2 * second", "first + second", id="runge-kutta-weight"),
+        pytest.param("thau", interface.runge_kutta, "first + 2 * second", "first + second", id="runge-kutta-weight"),
         pytest.param(
             "thau", observer.interval, "continued(estimate, before)", "continued(estimate, measurement)", id="y-held"
         ),

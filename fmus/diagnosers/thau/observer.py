@@ -8,7 +8,6 @@ its sliding term. (8) and (13) print + K (y_hat - y), with which the observer di
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from math import pi
 
@@ -104,15 +103,6 @@ def model(estimate: Vector, rotor_speed: Vector, vehicle: VehicleParameters) -> 
     euler, body_rate = estimate[:3], estimate[3:6]
     acceleration = rate_dynamics(vertcat(0, body_rate), euler, rotor_speed, vehicle)[1:]
     return vertcat(euler_rate(euler, body_rate), acceleration)
-
-
-def runge_kutta(derivative: Callable[[Vector, float], Vector], start: Vector, dt: Scalar) -> Vector:
-    """One step of the classical fourth-order method; derivative(value, share) after a share of the step."""
-    first = derivative(start, 0.0)
-    second = derivative(start + dt / 2 * first, 0.5)
-    third = derivative(start + dt / 2 * second, 0.5)
-    fourth = derivative(start + dt * third, 1.0)
-    return start + dt / 6 * (first + 2 * second + 2 * third + fourth)
 
 
 def observer_state(estimate: Vector, known: Interval) -> ObserverState:

@@ -10,7 +10,15 @@ from math import nan
 
 from casadi import fabs, if_else, logic_or, vertcat
 
-from rotordx.fmus.diagnosers.interface import Clock, Command, DiagnosisOutputs, Measured, any_of, hold_filter
+from rotordx.fmus.diagnosers.interface import (
+    Clock,
+    Command,
+    DiagnosisOutputs,
+    Measured,
+    any_of,
+    hold_filter,
+    runge_kutta,
+)
 from rotordx.fmus.diagnosers.single_rotor import DecisionParameters, DecisionState, calibrated, decide, exceeds_margin
 from rotordx.fmus.diagnosers.thau.observer import (
     ObserverOutputs,
@@ -21,7 +29,6 @@ from rotordx.fmus.diagnosers.thau.observer import (
     observer_outputs,
     observer_state,
     rows,
-    runge_kutta,
     torque_signatures,
 )
 from rotordx.fmus.shell.ports import Scalar, Vector, port, ports

@@ -1,6 +1,6 @@
 """The figures of merit of `fdie` over simulated specimens of lab_x, each identified on its own healthy flights.
 
-`python -m tests.bars.campaign` (`make bars`) flies all of it on two processes and writes its figures to
+`python -m tests.bars.fdie` (`make bars`) flies all of it on two processes and writes its figures to
 tests/bars/results; `Campaign` flies a part of it, which a test does.
 """
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from tests.bars.campaign import Faulty, Healthy, fly_all
+from tests.bars.fdie import Faulty, Healthy, fly_all
 
 #: loss -> largest detection and isolation delay, s
 DELAYS = {0.05: (1.5, 2.5), 0.1: (0.2, 0.45), 0.2: (0.1, 0.25), 0.4: (0.1, 0.25)}
