@@ -37,7 +37,7 @@ def reference_inputs() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     command of rotor 1 is what its loss asks for.
     """
     vehicle = load_vehicle(REFERENCE_VEHICLE).fill(VehicleParameters)
-    time = STEP_SIZE * np.arange(1, round(DURATION / STEP_SIZE) + 1, dtype=np.float64)
+    time = STEP_SIZE * np.arange(round(DURATION / STEP_SIZE), dtype=np.float64) + STEP_SIZE  # to the last bit the FMU's
     rate = 2 * np.pi * np.array([0.5, 0.4, 0.3])
     euler = np.array([0.1, 0.08, 0.2]) * np.sin(np.outer(time, rate))
     body_rate = np.array([0.1, 0.08, 0.2]) * rate * np.cos(np.outer(time, rate))
