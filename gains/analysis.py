@@ -16,7 +16,7 @@ AXES = {
     "roll": (("p",), ("roll", "p")),
     "pitch": (("q",), ("pitch", "q")),
     "yaw": (("r",), ("yaw", "r")),
-    "vertical": (("lagged_acceleration", "v_z"), ("v_z",)),
+    "vertical": (("v_z",), ("v_z",)),
 }
 
 

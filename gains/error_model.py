@@ -56,7 +56,7 @@ class ErrorModel:
     D: Any  #: (n, d), where the nonlinearity enters
     N: Any  #: (k, n), what it depends on
     lipschitz: float  #: 1/s
-    E: Any  #: (n, m), disturbance input times size of the disturbances
+    E: Any  #: (n, m), disturbance input times size of the disturbances; last, of noise that drives a sensor's filter
     V: Any  #: (p, p), size of the measurement noise
     W: Any  #: (r, n), performance weights
 
@@ -79,3 +79,9 @@ class ErrorModel:
         """Where the faults lie among the states: they are the last ones."""
         count = sum(name.startswith("fault") for name in self.states)
         return slice(len(self.states) - count, len(self.states))
+
+    @property
+    def disturbances(self) -> int:
+        """Number of inputs w: the columns of E, but for those of noise that drives a filter of the sensors."""
+        filters = [name.startswith("filter") for name in self.states]
+        return sum(not column[filters].any() for column in np.asarray(self.E).T)

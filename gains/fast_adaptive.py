@@ -19,6 +19,7 @@ from rotordx.gains import fault_models
 from rotordx.gains.certificate import CertifiedDesign, new_design
 from rotordx.gains.error_model import ObserverGain
 from rotordx.gains.fault_models import FaultObserverOptions
+from rotordx.gains.margins import margin
 from rotordx.gains.observer_theory import OBSERVER, prove
 from rotordx.gains.options import POSITIVE, option
 from rotordx.gains.rounding import rounded, rounded_rows
@@ -61,6 +62,7 @@ def design(vehicle: Vehicle, options: Options) -> CertifiedDesign:
     }
     subject = subjects(vehicle, options, parameters)["torques"]
     proof = prove(subject, options.decay_rate, options, "rk4, a shorter step, or a lower speed")
+    parameters |= margin("fast_adaptive", vehicle, parameters, "acceleration_fault", options)
     return new_design("fast_adaptive", vehicle, options, parameters, [Certificate.of("torques", subject, proof)])
 
 

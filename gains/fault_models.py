@@ -43,7 +43,7 @@ class ObserverOptions(Envelope):
         None, "rad/s", "weight of the gyro noise; none: the vehicle's sensor", minimum=POSITIVE
     )
     velocity_noise: float | None = option(
-        None, "m/s", "weight of the noise of v_z; none: from the vehicle's sensors", minimum=POSITIVE
+        None, "m/s", "weight of white noise of v_z; none: from the vehicle's sensors", minimum=POSITIVE
     )
     uncertainty: tuple[float, float, float, float] = option(
         (0.3, 1.0, 1.0, 0.3),
@@ -95,10 +95,10 @@ def noise_sizes(vehicle: Vehicle, options: ObserverOptions) -> Array:
 def rotor_faults(vehicle: Vehicle, options: FaultObserverOptions) -> ErrorModel:
     """`vz4`: attitude, body rates and v_z measured, four independent rotor faults.
 
-    If v_z is filtered, the filter is part of the model: from the captured height z, whose noise n drives it, and with
-    lag = z - (z behind the filter), v' = w0^2 (lag + n) - 2 w0 v is the v_z that is measured, lag' = v_z - v. That noise
-    is anything but white in v. The vertical effect of thrust follows the cosine of the tilt, which is measured: one
-    corner for each end of its range.
+    If v_z is filtered, the filter is part of the model. It is driven by the captured height with its noise n, which is
+    anything but white in the v that comes out: v' = w0^2 (lag + n) - 2 w0 v with lag = height - filtered height, hence
+    lag' = v_z - v. The vertical effect of thrust follows the cosine of the tilt, which is measured: one corner for each
+    end of its range.
     """
     hover = flight_model(vehicle)
     filter_states = ("filtered_v_z", "filter_lag") if options.filtered_velocity else ()
@@ -119,6 +119,7 @@ def rotor_faults(vehicle: Vehicle, options: FaultObserverOptions) -> ErrorModel:
     if not filter_states:
         return model
     noise = np.eye(len(states))[:, [v_z - 2]] * (bandwidth**2 * _height_noise(vehicle, options))
+    # V keeps white noise of the same size besides: it hardly costs anything, and without it gain could be unbounded
     return dataclasses.replace(model, E=rounded(np.hstack((model.E, noise))))
 
 

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from rotordx.fmus.diagnosers.hinf.observer import MODELS as FLOWN
 from rotordx.fmus.vehicles import Vehicle
 from rotordx.fmus.vehicles.parameters import SensorParameters
 from rotordx.gains import fault_models
@@ -21,6 +22,7 @@ from rotordx.gains.certificate import CertifiedDesign, new_design
 from rotordx.gains.error_model import ErrorModel, ObserverGain
 from rotordx.gains.fault_models import FaultObserverOptions
 from rotordx.gains.flight_model import flight_model
+from rotordx.gains.margins import margin
 from rotordx.gains.observer_theory import OBSERVER
 from rotordx.gains.options import DesignError, option
 from rotordx.gains.rounding import rounded
@@ -51,6 +53,7 @@ def design(vehicle: Vehicle, options: Options) -> CertifiedDesign:
         DesignError: if a model cannot be observed as asked.
     """
     parameters: dict[str, Any] = {
+        "fault_model": next((FLOWN.index(name) for name in options.models if name in FLOWN), 0),
         "hover_speed": rounded(flight_model(vehicle).hover_speed),
         "velocity_filter_bandwidth": vehicle.fill(SensorParameters).velocity_filter_bandwidth,
     }
@@ -61,6 +64,8 @@ def design(vehicle: Vehicle, options: Options) -> CertifiedDesign:
         gain, proof = quietest_gain(model, options, options.step_size, options.integrator)
         parameters[port] = gain.injections[0].flatten()
         certificates.append(Certificate.of(name, Subject(OBSERVER, model, gain), proof))
+        if name != "vz4" or options.filtered_velocity:  # with an ideal v_z there is a certificate, but nothing flies it
+            parameters |= _decision_parameters(name, vehicle, options, parameters)
     return new_design("hinf", vehicle, options, parameters, certificates)
 
 
@@ -89,6 +94,16 @@ def require_detectable(name: str, model: ErrorModel) -> None:
             f"the model {name} cannot tell all its faults from its measurements: the direction [{text}] of the faults "
             "leaves attitude and body rates as they are; measure the vertical velocity too (model vz4)"
         )
+
+
+def _decision_parameters(name: str, vehicle: Vehicle, options: Options, parameters: dict[str, Any]) -> dict[str, Any]:
+    """Margins and settling times of the diagnoser that flies a model."""
+    needed = ("hover_speed", "velocity_filter_bandwidth", MODELS[name][1])
+    flown = {port: parameters[port] for port in needed} | {"fault_model": FLOWN.index(name)}
+    found = margin("hinf", vehicle, flown, "acceleration_fault", options)
+    if name == "tau3":
+        return {f"torque_{port}": value for port, value in found.items()}
+    return found | {"rotor_loss_margin": margin("hinf", vehicle, flown, "rotor_loss", options)["margin"]}
 
 
 def _model(name: str) -> tuple[Callable[[Vehicle, FaultObserverOptions], ErrorModel], str]:

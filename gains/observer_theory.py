@@ -56,7 +56,7 @@ def figures(model: ErrorModel, gain: ObserverGain, proof: Proof) -> dict[str, An
     radius = max(spectral_radius(step) for step in steps)
     if poles.real.max() >= 0 or radius >= 1:
         raise np.linalg.LinAlgError("the observer is unstable")
-    noise = analysis.noise_std(loops[0], model.E.shape[1], proof.step_size, proof.integrator)
+    noise = analysis.noise_std(loops[0], model.disturbances, proof.step_size, proof.integrator)
     return {
         "gamma_without_nonlinearity": max(analysis.hinf_norm(loop.A, loop.B, loop.C, loop.F) for loop in loops),
         "gamma_per_axis": {

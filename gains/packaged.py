@@ -24,8 +24,11 @@ TOLERANCE = 1e-4
 #: Settings that are not the defaults, by vehicle: after its paper's fault the F450 turns at 2.5 rad/s.
 FOR_VEHICLE: dict[str, tuple[str, ...]] = {"f450_plus": ("body_rate=[3.0, 3.0, 1.5]",)}
 
-#: And by vehicle and diagnoser: the learning rate of the paper that the vehicle comes from.
+#: And by vehicle and diagnoser: the learning rate of the paper that the vehicle comes from; what finds a loss within
+#: 0.45 s, motor lag included.
 FOR_DIAGNOSER: dict[tuple[str, str], tuple[str, ...]] = {
+    ("ren_plus", "hinf"): ("speed=1.2",),
+    ("ren_plus", "fast_adaptive"): ("speed=1.2",),
     ("f450_plus", "adaptive_thau"): ("learning_rate=[0.005, 0.005, 0.005]",),
     ("f450_plus", "asmto"): ("learning_rate=[0.005, 0.005, 0.005]",),
 }

@@ -32,7 +32,7 @@ struct Model {
       gust_renewal[i] = std::sqrt(1.0 - gust_decay[i] * gust_decay[i]);
       gust[i] = random.normal();
     }
-    clip_gust();
+    disturb();
     output();
   }
 
@@ -40,7 +40,7 @@ struct Model {
     for (int i = 0; i < 6; ++i) {
       if (ports.gust_std()[i] > 0.0) gust[i] = gust_decay[i] * gust[i] + gust_renewal[i] * random.normal();
     }
-    clip_gust();
+    disturb();
     const int substeps = static_cast<int>(std::ceil(dt / kLongestSubstep - 1e-9));
     const Rotors change = (ports.rotor_speed() - Rotors::Map(rotor_speed)) / substeps;
     for (int i = 0; i < substeps; ++i) {
@@ -84,9 +84,10 @@ struct Model {
     State::Map(state) = start + h / 6.0 * (k1 + 2.0 * (k2 + k3) + k4);
   }
 
-  void clip_gust() {
+  void disturb() {
     const auto unclipped = ports.gust_std().cwiseProduct(Eigen::Matrix<double, 6, 1>::Map(gust));
-    ports.disturbance() = unclipped.cwiseMin(ports.gust_limit()).cwiseMax(-ports.gust_limit());
+    ports.disturbance() =
+        unclipped.cwiseMin(ports.gust_limit()).cwiseMax(-ports.gust_limit()) + ports.constant_disturbance();
   }
 
   void output() {

@@ -13,7 +13,7 @@ class Inputs:
 
 @ports
 class Parameters:
-    """Initial state and gusts; gusts are accelerations in the order x, y, z (NED), p, q, r (body)."""
+    """Initial state and disturbances, which are accelerations in the order x, y, z (NED), p, q, r (body)."""
 
     initial_position: Vector = port("m", "NED", (0, 0, 0))
     initial_velocity: Vector = port("m/s", "NED", (0, 0, 0))
@@ -24,6 +24,7 @@ class Parameters:
     gust_limit: Vector = port(
         "m/s2, rad/s2", "clipped to plus or minus this", (0.35, 0.35, 0.18, 0.7, 0.7, 0.09), minimum=0
     )
+    constant_disturbance: Vector = port("m/s2, rad/s2", "added to the gusts", (0,) * 6)
     seed: Scalar = port("1", "of the gusts, a whole number", 1, minimum=0, maximum=2**53)
 
 
@@ -37,7 +38,9 @@ class Outputs:
     quaternion: Vector = port("1", "w, x, y, z; rotates body to NED", (1, 0, 0, 0))
     body_rate: Vector = port("rad/s", "p, q, r", (0, 0, 0))
     specific_force: Vector = port("m/s2", "body: acceleration without gravity", (0, 0, 0))
-    disturbance: Vector = port("m/s2, rad/s2", "gust over the step: x, y, z (NED), p, q, r (body)", (0,) * 6)
+    disturbance: Vector = port(
+        "m/s2, rad/s2", "gust and constant over the step: x, y, z (NED), p, q, r (body)", (0,) * 6
+    )
 
 
 COMPONENT = Component(

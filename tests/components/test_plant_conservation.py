@@ -121,3 +121,15 @@ def test_half_a_seed_is_refused(component):
     with pytest.raises(FMICallException):
         plant.initialise()
     assert "seed must be a whole number" in " ".join(plant.messages)
+
+
+def test_a_constant_disturbance_is_added_to_the_clipped_gusts(component):
+    push = np.array([0.3, -0.2, 0.1, 0.0, 0.0, 0.5])
+    outputs = component("plant", **FREE, constant_disturbance=push).initialise().run(100)
+    np.testing.assert_allclose(outputs["disturbance"], np.tile(push, (101, 1)))
+    t = STEP * np.arange(101)[:, None]
+    np.testing.assert_allclose(outputs["velocity"], t * push[:3], atol=1e-12)
+    np.testing.assert_allclose(outputs["body_rate"], t * push[3:], atol=1e-12)
+    gusts = {"gust_std": [1.0] * 6, "gust_limit": [0.1] * 6}
+    blown = component("plant", **gusts, constant_disturbance=push).initialise().run(2000)["disturbance"]
+    np.testing.assert_allclose(np.abs(blown - push).max(axis=0), 0.1)
