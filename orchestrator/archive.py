@@ -20,6 +20,7 @@ from rotordx.orchestrator.errors import UserError
 
 LARGEST_SIZE = 2**30  #: bytes that an archive may take when extracted
 LARGEST_COUNT = 10_000  #: entries that an archive may have
+LARGEST_DESCRIPTION = 2**26  #: bytes of a modelDescription.xml, which is read as a whole
 
 
 @dataclass(frozen=True)
@@ -61,28 +62,53 @@ def _extraction_root() -> str:
 
 
 @cache
-def _open(path: Path, trusted: bool, modified_ns: int, size: int) -> Archive:
+def _open(path: Path, trusted: bool, modified_ns: int, file_size: int) -> Archive:
     """`open_archive` for one state of a file, which its time of modification and size stand for."""
-    try:
-        with zipfile.ZipFile(path) as archive:
-            entries = archive.infolist()
-    except (OSError, zipfile.BadZipFile) as error:
-        raise UserError(f"{path} is not an FMU or is truncated: {error}") from error
-    _check_entries(path, entries)
+    entries = _entries(path, "an FMU")
+    size = sum(entry.file_size for entry in entries if entry.filename == "modelDescription.xml")
+    if size > LARGEST_DESCRIPTION:
+        raise UserError(f"{path} has a modelDescription.xml of {size / 2**20:.0f} MiB, more than an FMU's has")
     description = _description(path, validate=not trusted)
     binary = _binary(path, description)
     if binary not in {entry.filename for entry in entries}:
         raise UserError(f"{path} has no binary for this platform, it lacks {binary}")
+    return Archive(path, _extracted(path), description)
+
+
+def extract(path: Path, kind: str) -> Path:
+    """Check and extract an archive that holds something else than an FMU; it is removed when the process ends.
+
+    Args:
+        path: of the archive.
+        kind: what it should be, with an article, for messages.
+
+    Raises:
+        UserError: it is no archive, or its content is hostile.
+    """
+    _entries(path, kind)
+    return _extracted(path)
+
+
+def _extracted(path: Path) -> Path:
     folder = Path(tempfile.mkdtemp(prefix=f"{path.stem}-", dir=_extraction_root()))
     try:
-        fmpy.extract(path, folder)
+        with zipfile.ZipFile(path) as archive:
+            archive.extractall(folder)
     except (OSError, ValueError, RuntimeError, zipfile.BadZipFile, zlib.error) as error:
         raise UserError(f"{path} is damaged and cannot be extracted: {error}") from error
-    return Archive(path, folder, description)
+    return folder
 
 
-def _check_entries(path: Path, entries: list[zipfile.ZipInfo]) -> None:
-    """Refuse entries that would be written outside the folder, that are no plain files, and sizes to fill a disk."""
+def _entries(path: Path, kind: str) -> list[zipfile.ZipInfo]:
+    """Entries of an archive.
+
+    Refused are entries that would be written outside the folder, that are no plain files, and sizes to fill a disk.
+    """
+    try:
+        with zipfile.ZipFile(path) as archive:
+            entries = archive.infolist()
+    except (OSError, zipfile.BadZipFile) as error:
+        raise UserError(f"{path} is not {kind} or is truncated: {error}") from error
     for entry in entries:
         name = entry.filename
         parts = PurePosixPath(name).parts
@@ -93,6 +119,7 @@ def _check_entries(path: Path, entries: list[zipfile.ZipInfo]) -> None:
     total = sum(entry.file_size for entry in entries)
     if len(entries) > LARGEST_COUNT or total > LARGEST_SIZE:
         raise UserError(f"{path} would take {total / 2**20:.0f} MiB in {len(entries)} entries, more than an FMU does")
+    return entries
 
 
 def _description(path: Path, validate: bool) -> Any:

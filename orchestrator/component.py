@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from ctypes import c_void_p, cast
+from contextlib import contextmanager, suppress
+from ctypes import byref, c_double, c_int, c_void_p, cast
 from functools import cached_property
 from typing import Any
 
@@ -16,16 +16,20 @@ from fmpy.fmi2 import (
     fmi2CallbackFreeMemoryTYPE,
     fmi2CallbackFunctions,
     fmi2CallbackLoggerTYPE,
+    fmi2LastSuccessfulTime,
+    fmi2Terminated,
 )
 from fmpy.fmi3 import FMU3Slave
 
 from rotordx.orchestrator.archive import Archive
 from rotordx.orchestrator.errors import RunError
+from rotordx.orchestrator.layout import ComponentSettings
+from rotordx.orchestrator.library import with_optional_functions
 from rotordx.orchestrator.stepper import LogFunction, library
-from rotordx.orchestrator.variables import Variable, read_variables
+from rotordx.orchestrator.variables import Exchange, Variable, read_variables
 
 STATUS = ("ok", "warning", "discard", "error", "fatal", "pending")
-FATAL = STATUS.index("fatal")
+DISCARD, FATAL = STATUS.index("discard"), STATUS.index("fatal")
 
 #: FMI type -> suffix of FMPy's method that sets it, where it is not the type itself
 _SETTER = {("Enumeration", 2): "Integer", ("Enumeration", 3): "Int64"}
@@ -46,37 +50,27 @@ class ComponentError(RunError):
 class Component:
     """An instance of an FMU: created, reset, parametrised and initialised here, stepped by the native stepper."""
 
-    def __init__(self, name: str, archive: Archive, ports: Mapping[str, Sequence[str]]):
+    def __init__(self, name: str, archive: Archive, settings: ComponentSettings):
         """Load the FMU's library and instantiate it.
 
         Args:
             name: of the instance.
             archive: the extracted FMU.
-            ports: names of ports that differ from those of the FMU's variables, see `read_variables`.
+            settings: its ports and steps.
 
         Raises:
-            UserError: `ports` does not fit the FMU.
+            UserError: the ports do not fit the FMU.
             ComponentError: the FMU cannot be loaded or instantiated.
         """
         self.name = name
         self.fmi = archive.fmi
+        self.substeps = settings.substeps or 1
         self.messages: list[str] = []  #: what the FMU has logged since its last reset
-        self.variables = read_variables(archive.description, ports, name)
+        self.variables = read_variables(archive.description, settings.ports, name)
         self._used = False
         self._fatal = False
-        arguments = {
-            "guid": archive.description.guid,
-            "modelIdentifier": archive.description.coSimulation.modelIdentifier,
-            "unzipDirectory": str(archive.folder),
-            "instanceName": name,
-        }
         self.fmu: Any = None  #: FMPy's object
-        with self._calling("instantiation"):
-            self.fmu = FMU2Slave(**arguments) if self.fmi == 2 else FMU3Slave(**arguments)
-            if self.fmi == 2:
-                self.fmu.instantiate(callbacks=self._fmi2_callbacks())
-            else:
-                self.fmu.instantiate(logMessage=lambda _, status, category, message: self._log(status, message))
+        self._load(archive, settings)
 
     @cached_property
     def inputs(self) -> dict[str, Variable]:
@@ -143,31 +137,62 @@ class Component:
 
     def set_inputs(self, values: Sequence[float]) -> None:
         """Set all inputs, in the order of `inputs`."""
-        references = [r for variable in self.inputs.values() for r in variable.references]
+        exchange = Exchange.of(self.inputs.values())
         with self._calling("setting inputs"):
-            (self.fmu.setReal if self.fmi == 2 else self.fmu.setFloat64)(references, values)
+            setter = self.fmu.setReal if self.fmi == 2 else self.fmu.setFloat64
+            setter(exchange.references, exchange.to_call(values))
 
     def get_outputs(self) -> list[float]:
         """All outputs, in the order of `outputs`."""
-        references = [r for variable in self.outputs.values() for r in variable.references]
-        values: list[float]
+        exchange = Exchange.of(self.outputs.values())
         with self._calling("reading outputs"):
             if self.fmi == 2:
-                values = self.fmu.getReal(references)
+                values = self.fmu.getReal(exchange.references)
             else:
-                values = self.fmu.getFloat64(references, sum(variable.size for variable in self.outputs.values()))
-        return values
+                values = self.fmu.getFloat64(exchange.references, exchange.size)
+        return exchange.from_call(values)
 
     def failure(self, activity: str, time: float, status: int) -> ComponentError:
         """What to raise when a call has returned a status that is not good."""
         self._fatal = status == FATAL
-        return ComponentError(self.name, time, activity, self.messages or [f"status {STATUS[status]}, no message"])
+        remarks = self._about_discarded_step() if activity == "doStep" and status == DISCARD else []
+        messages = [*self.messages, *remarks] or [f"status {STATUS[status]}, no message"]
+        return ComponentError(self.name, time, activity, messages)
 
     def close(self) -> None:
         """Free the instance and its library, after which the component cannot be used."""
         fmu, self.fmu = self.fmu, None
         if fmu is not None and fmu.component and not self._fatal:
             fmu.freeInstance()
+
+    def _load(self, archive: Archive, settings: ComponentSettings) -> None:
+        """Make the instance."""
+        arguments = {
+            "guid": archive.description.guid,
+            "modelIdentifier": archive.description.coSimulation.modelIdentifier,
+            "unzipDirectory": str(archive.folder),
+            "instanceName": self.name,
+        }
+        with self._calling("instantiation"):
+            kind = with_optional_functions(FMU2Slave if self.fmi == 2 else FMU3Slave, self.messages.append)
+            self.fmu = kind(**arguments)
+            if self.fmi == 2:
+                self.fmu.instantiate(callbacks=self._fmi2_callbacks())
+            else:
+                self.fmu.instantiate(logMessage=lambda _, status, category, message: self._log(status, message))
+
+    def _about_discarded_step(self) -> list[str]:
+        """What an FMI 2 FMU tells about a step that it has discarded; FMI 3 has other ways to say it."""
+        if self.fmi == 3:
+            return []
+        reached, terminated = c_double(), c_int()
+        with suppress(FMICallException):
+            self.fmu.fmi2GetBooleanStatus(self.instance, fmi2Terminated, byref(terminated))
+            if terminated.value:
+                return ["it asked for the end of the simulation"]
+            self.fmu.fmi2GetRealStatus(self.instance, fmi2LastSuccessfulTime, byref(reached))
+            return [f"it came to t = {reached.value:.9g} s only, try more substeps"]
+        return []
 
     def _log(self, status: int, message: bytes | None) -> None:
         text = (message or b"").decode(errors="replace").strip()

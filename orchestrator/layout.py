@@ -22,16 +22,46 @@ ParameterValue = Annotated[Any, BeforeValidator(_parameter)]
 Names = Annotated[list[str], BeforeValidator(lambda value: [value] if isinstance(value, str) else value)]
 
 
+def _scale(value: Any) -> Any:
+    if 0 in (value if isinstance(value, list) else [value]):
+        raise ValueError("a scale of 0 loses the value")
+    return value
+
+
+class PortMap(Section):
+    """What a port consists of: value of the port = scale * value of the FMU in SI units."""
+
+    variables: Names = Field(min_length=1, description="a variable of the FMU, or a list of them")
+    unit: str | None = Field(default=None, description="the unit of the variables, if the FMU does not declare it")
+    scale: Annotated[float | list[float], BeforeValidator(_scale)] = Field(
+        default=1.0, description="a number other than 0, or a list with one for each element"
+    )
+
+
+def _port_map(value: Any) -> Any:
+    return {"variables": value} if isinstance(value, str | list) else value
+
+
 class ComponentSettings(Section):
     """One FMU of a system."""
 
     fmu: str | None = Field(default=None, description="the name of a packaged FMU or the path of an .fmu file")
     fmi: Literal[2, 3] | None = Field(default=None, description="2 or 3, the FMI version of a packaged FMU")
     parameters: dict[str, ParameterValue] = Field(default={}, description="a table of the FMU's parameters")
-    #: name of a port as connections know it -> variable of the FMU, or scalar variables that form an array port
-    ports: dict[str, Names] = Field(default={}, description="a variable of the FMU, or a list of scalar ones")
+    #: name of a port as connections know it -> what it consists of
+    ports: dict[str, Annotated[PortMap, BeforeValidator(_port_map)]] = Field(
+        default={}, description="a variable of the FMU, a list of them, or a table with variables, unit and scale"
+    )
     #: whether it is part of the world, and so takes the vehicle as it is and not as it is believed to be
     actual_vehicle: bool | None = Field(default=None, description="true or false")
+    #: whether it runs in a process of its own; if it is not stated, FMUs that are not packaged do
+    isolate: bool | None = Field(default=None, description="true or false")
+    timeout_s: float | None = Field(
+        default=None, gt=0, le=3600, description="the longest time of one call of an isolated FMU in seconds"
+    )
+    substeps: int | None = Field(
+        default=None, ge=1, le=1000, description="how many steps of the FMU make one, 1 to 1000"
+    )
 
     def extended(self, other: ComponentSettings) -> ComponentSettings:
         """These settings, extended or replaced by those that `other` has."""

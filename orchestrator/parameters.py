@@ -17,7 +17,7 @@ from rotordx.orchestrator.scenario import PROFILES, Scenario
 from rotordx.orchestrator.variables import Variable
 
 #: field of a fault -> parameter of the esc with a slot for each fault
-_FAULT_PARAMETERS = {
+FAULT_PARAMETERS = {
     "rotor": "fault_rotor",
     "profile": "fault_profile",
     "onset_s": "fault_onset",
@@ -32,7 +32,7 @@ _FAULT_PARAMETERS = {
     "off_time_s": "fault_off_time",
 }
 BENCHMARK = "lab_x"  #: the vehicle whose design is in the start values of the diagnosers' FMUs
-_SLOTS = {port.name: port.start for port in table(EscParameters)}  # what unused slots and fields hold
+FAULT_SLOT_STARTS = {port.name: port.start for port in table(EscParameters)}  # what unused slots and fields hold
 _NOISE = ("gyro_noise_std", "motion_capture_position_noise_std", "motion_capture_attitude_noise_std")
 
 
@@ -89,18 +89,18 @@ def missing_design(vehicle: Vehicle, fmu: str | None) -> str | None:
 def _facts(scenario: Scenario) -> Iterator[tuple[str, Any, str]]:
     """Parameter, value and field of what a scenario says about the flight as a whole."""
     given = {*scenario.parameters, *(name for s in scenario.components.values() for name in s.parameters)}
-    for parameter in given & set(_FAULT_PARAMETERS.values()):
+    for parameter in given & set(FAULT_PARAMETERS.values()):
         raise UserError(
             f"{parameter} cannot be set as a parameter: declare the fault in `faults`, so that it is scored"
         )
     yield "seed", scenario.seed, "seed"
     yield "step_size", scenario.step_size_s, "step_size_s"
     if scenario.faults:
-        for field, parameter in _FAULT_PARAMETERS.items():
+        for field, parameter in FAULT_PARAMETERS.items():
             values = [getattr(fault, field) for fault in scenario.faults]
             numbers = [PROFILES.index(value) if field == "profile" else value for value in values]
-            unused = _SLOTS[parameter][len(numbers) :]
-            used = [start if n is None else n for n, start in zip(numbers, _SLOTS[parameter], strict=False)]
+            unused = FAULT_SLOT_STARTS[parameter][len(numbers) :]
+            used = [start if n is None else n for n, start in zip(numbers, FAULT_SLOT_STARTS[parameter], strict=False)]
             yield parameter, [*used, *unused], "faults"
     if scenario.gusts is not None:
         for field, parameter in (

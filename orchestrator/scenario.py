@@ -155,16 +155,23 @@ def load_scenario(name_or_path: str | Path, overrides: Iterable[str] = (), **cha
     """Read a scenario and change it.
 
     Args:
-        name_or_path: name of a packaged scenario, or path of a TOML file.
+        name_or_path: name of a packaged scenario, or path of a TOML file or an SSP archive.
         overrides: as given to --set, for example "faults[0].rotor=3".
         changes: new values of whole fields as plain data, for example seed=3; applied before the overrides.
 
     Raises:
         UserError: there is no such scenario, or it is not valid, as it is or changed; one sentence a line.
     """
-    path = locate(str(name_or_path), "scenarios")
+    if str(name_or_path).endswith(".ssp"):
+        from rotordx.orchestrator.system_structure import scenario_document  # which needs what a scenario is
+
+        path = Path(name_or_path)
+        content = scenario_document(path)
+    else:
+        path = locate(str(name_or_path), "scenarios")
+        content = read(path)
     name = re.sub(r"[^\w.-]", "_", path.stem).lstrip(".-")
-    document = {"name": name} | read(path) | changes
+    document = {"name": name} | content | changes
     for assignment in overrides:
         override(document, assignment)
     return validated(Scenario, document, str(name_or_path))

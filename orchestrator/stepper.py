@@ -24,15 +24,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from fmpy import sharedLibraryExtension
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
+
+from rotordx.orchestrator.variables import Exchange
 
 if TYPE_CHECKING:
     from rotordx.orchestrator.component import Component
     from rotordx.orchestrator.wiring import Wiring
 
 #: What a component was doing when it failed, by the number that stepper.c gives it.
-STAGES = ("setting inputs", "doStep", "reading outputs", "doStep")
-TERMINATE = 3  #: the stage at which an FMU asks for the end of the simulation
+STAGES = ("setting inputs", "doStep", "reading outputs", "doStep", "doStep")
+#: What to say besides, by the number of the stage.
+REMARKS = {3: "it asked for the end of the simulation", 4: "it returned early without having moved on"}
 
 LogFunction = CFUNCTYPE(None, c_int, c_char_p)
 
@@ -40,6 +43,7 @@ LogFunction = CFUNCTYPE(None, c_int, c_char_p)
 class _Component(Structure):
     _fields_ = (
         ("fmi", c_int32),
+        ("substeps", c_int32),
         ("instance", c_void_p),
         ("set", c_void_p),
         ("do_step", c_void_p),
@@ -48,11 +52,18 @@ class _Component(Structure):
         ("input_reference_count", c_size_t),
         ("input_size", c_size_t),
         ("input_columns", c_void_p),
+        ("input_scale", c_void_p),
+        ("input_offset", c_void_p),
         ("inputs", c_void_p),
         ("output_references", c_void_p),
         ("output_reference_count", c_size_t),
         ("output_size", c_size_t),
         ("outputs", c_void_p),
+        ("output_places", c_void_p),
+        ("output_scale", c_void_p),
+        ("output_offset", c_void_p),
+        ("output_width", c_size_t),
+        ("converted_outputs", c_void_p),
     )
 
 
@@ -69,7 +80,7 @@ class _Plan(Structure):
 
 
 class _Failure(Structure):
-    _fields_ = (("step", c_int64), ("component", c_int32), ("stage", c_int32), ("status", c_int32))
+    _fields_ = (("time", c_double), ("component", c_int32), ("stage", c_int32), ("status", c_int32))
 
 
 @cache
@@ -144,15 +155,15 @@ class Stepper:
         )
         if done < count:
             component = self.components[failure.component]
-            if failure.stage == TERMINATE:
-                component.messages.append("it asked for the end of the simulation")
-            raise component.failure(STAGES[failure.stage], failure.step * self.step_size, failure.status)
+            component.messages += filter(None, [REMARKS.get(failure.stage)])
+            raise component.failure(STAGES[failure.stage], failure.time, failure.status)
 
     def _entry(self, component: Component, wiring: Wiring | None) -> _Component:
         """One component as stepper.c sees it; what it points to is kept alive with the stepper."""
         real = ("fmi2{}Real", "fmi3{}Float64")
         entry = _Component(
             fmi=component.fmi,
+            substeps=component.substeps,
             instance=component.instance,
             set=component.function(*(name.format("Set") for name in real)),
             do_step=component.function("fmi2DoStep", "fmi3DoStep"),
@@ -160,20 +171,32 @@ class Stepper:
         )
         if wiring is None:
             return entry
-        columns = np.array(wiring.inputs[component.name], dtype=np.uint32)
-        references = [
-            np.array([r for variable in ports.values() for r in variable.references], dtype=np.uint32)
-            for ports in (component.inputs, component.outputs)
-        ]
+        columns, inputs = wiring.inputs[component.name], Exchange.of(component.inputs.values())
+        column_of = dict(zip(inputs.places, columns, strict=True))
+        entry.input_references, entry.input_reference_count = self._kept(inputs.references, np.uint32)
+        entry.input_columns, entry.input_size = self._kept([column_of[i] for i in range(inputs.size)], np.uint32)
+        entry.inputs, _ = self._kept(np.zeros(inputs.size))
+        if not inputs.plain:
+            order = np.argsort(inputs.places)
+            scale, offset = (np.array(values)[order] for values in inputs.inverse)
+            entry.input_scale, _ = self._kept(scale)
+            entry.input_offset, _ = self._kept(offset)
+        outputs = Exchange.of(component.outputs.values())
         first = next((wiring.columns[f"{component.name}.{port}"].start for port in component.outputs), 0)
-        scratch = np.zeros(columns.size)
-        entry.input_references, entry.input_reference_count = references[0].ctypes.data, references[0].size
-        entry.input_columns, entry.input_size, entry.inputs = columns.ctypes.data, columns.size, scratch.ctypes.data
-        entry.output_references, entry.output_reference_count = references[1].ctypes.data, references[1].size
-        entry.output_size = sum(variable.size for variable in component.outputs.values())
-        entry.outputs = self.bus[first:].ctypes.data
-        self._kept_alive += [columns, scratch, *references]
+        entry.output_references, entry.output_reference_count = self._kept(outputs.references, np.uint32)
+        entry.output_size, entry.outputs = outputs.size, self.bus[first:].ctypes.data
+        if not outputs.plain:
+            entry.converted_outputs, (entry.outputs, _) = entry.outputs, self._kept(np.zeros(outputs.size))
+            entry.output_places, entry.output_width = self._kept(outputs.places, np.uint32)
+            entry.output_scale, _ = self._kept(outputs.scale)
+            entry.output_offset, _ = self._kept(outputs.offset)
         return entry
+
+    def _kept(self, values: ArrayLike, kind: type = np.float64) -> tuple[int, int]:
+        """(address, number) of values that live as long as the stepper."""
+        array: NDArray[Any] = np.array(values, dtype=kind)
+        self._kept_alive.append(array)
+        return array.ctypes.data, array.size
 
 
 def _address(array: NDArray[np.float64] | None) -> int | None:

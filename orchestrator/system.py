@@ -13,10 +13,11 @@ from numpy.typing import NDArray
 
 from rotordx.fmus import component_names, diagnoser_ids, fmu_path
 from rotordx.fmus.vehicles import Vehicle, VehicleError, load_vehicle
-from rotordx.orchestrator.archive import open_archive
+from rotordx.orchestrator.archive import Archive, open_archive
 from rotordx.orchestrator.component import Component
 from rotordx.orchestrator.documents import one_of
 from rotordx.orchestrator.errors import UserError
+from rotordx.orchestrator.isolation import IsolatedComponent
 from rotordx.orchestrator.layout import ComponentSettings, Connection, SystemLayout, load_layout
 from rotordx.orchestrator.parameters import missing_design, parameter_values
 from rotordx.orchestrator.scenario import Scenario
@@ -40,14 +41,18 @@ class System:
         """
         self._structure = _structure(scenario)
         self.components: dict[str, Component] = {}
+        self.archives: dict[str, Archive] = {}  #: of the components
         with ExitStack() as on_failure, _errors_of(scenario):
             on_failure.callback(self.close)
             self._layout = load_layout(scenario.system)
             for name, settings in self.settings(scenario).items():
                 packaged = not str(settings.fmu).endswith(".fmu")
                 archive = open_archive(_path(name, settings), trusted=packaged)
-                self.components[name] = Component(name, archive, settings.ports)
-            self.wiring = wire(self.components, _connections(self._layout, scenario, self.components))
+                isolated = not packaged if settings.isolate is None else settings.isolate
+                self.archives[name] = archive
+                self.components[name] = (IsolatedComponent if isolated else Component)(name, archive, settings)
+            self.connections = _connections(self._layout, scenario, self.components)
+            self.wiring = wire(self.components, self.connections)
             ordered = [self.components[name] for name in self.wiring.order]
             self.stepper = Stepper(ordered, self.wiring, scenario.step_size_s)
             on_failure.pop_all()
@@ -168,7 +173,7 @@ def _errors_of(scenario: Scenario) -> Iterator[None]:
 
 def _structure(scenario: Scenario) -> object:
     """What has to be the same in two scenarios that share a system."""
-    components = {name: (s.fmu, s.fmi, s.ports) for name, s in scenario.components.items()}
+    components = {name: s.model_copy(update={"parameters": {}}) for name, s in scenario.components.items()}
     return scenario.system, scenario.diagnosers, scenario.step_size_s, components, scenario.connections
 
 

@@ -129,7 +129,24 @@ def _source_columns(
             f"connection from {connection.source!r} to {connection.target!r}: the output has "
             f"{found.stop - found.start} elements and the input {target.size}"
         )
+    _check_units(connection, target, components)
     return range(found.start, found.stop)
+
+
+def _check_units(connection: Connection, target: Variable, components: Mapping[str, Terminals]) -> None:
+    """Refuse a connection between units that measure different things; what has no known unit fits everything."""
+    writer, _, port = connection.source.partition(".")
+    outputs = components[writer].outputs if writer in components else {}
+    source = outputs.get(port) or outputs.get(port.rpartition("[")[0])
+    if source is None or source.measures is None or target.measures is None:
+        return
+    if source.measures.exponents != target.measures.exponents:
+        reader, _, input_port = connection.target.partition(".")
+        raise UserError(
+            f"connection from {connection.source!r} to {connection.target!r}: the units do not fit, the output is in "
+            f"{source.unit} and the input in {target.unit}; connect something else, or state the right unit with "
+            f"components.{writer}.ports.{port} or components.{reader}.ports.{input_port}"
+        )
 
 
 def _unknown(end: str, name: str, components: Mapping[str, Terminals]) -> str:

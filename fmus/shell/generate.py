@@ -9,11 +9,12 @@ from pathlib import Path
 import rotordx.fmus
 from rotordx.fmus.shell.header import component_source, ports_header
 from rotordx.fmus.shell.model_description import fmi2_description, fmi3_description, token
+from rotordx.fmus.shell.ports import Component
 
 
-def generate(name: str, version: str) -> dict[str, str | bytes]:
+def generate(component: Component, version: str) -> dict[str, str | bytes]:
     """Generated files of a component: file name -> contents."""
-    component = rotordx.fmus.load_component(name)
+    name = component.name
     files: dict[str, str | bytes] = {
         "fmi2.xml": fmi2_description(component, version),
         "fmi3.xml": fmi3_description(component, version),
@@ -51,7 +52,7 @@ def main() -> None:
     parser.add_argument("--version", required=True)
     arguments = parser.parse_args()
     arguments.folder.mkdir(parents=True, exist_ok=True)
-    for file, contents in generate(arguments.name, arguments.version).items():
+    for file, contents in generate(rotordx.fmus.load_component(arguments.name), arguments.version).items():
         write_if_changed(arguments.folder / file, contents)
     dependencies = " ".join(str(path).replace(" ", "\\ ") for path in sources())
     (arguments.folder / "generate.d").write_text(f"{arguments.folder}/fmi2.xml: {dependencies}\n")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import platform
 from pathlib import Path
+from typing import IO
 from zipfile import ZIP_DEFLATED, ZipFile, ZipInfo
 
 _FMI3_ARCHITECTURES = {"amd64": "x86_64", "arm64": "aarch64", "i386": "x86", "i686": "x86"}
@@ -23,7 +24,7 @@ def platform_folder(fmi: int, system: str, machine: str) -> str:
     return f"{architecture}-{system}"
 
 
-def pack(path: Path, files: dict[str, bytes]) -> None:
+def pack(path: Path | IO[bytes], files: dict[str, bytes]) -> None:
     """Writes an archive of `files` (name in the archive -> contents), sorted by name and dated 1980-01-01."""
     with ZipFile(path, "w") as archive:
         for name, contents in sorted(files.items()):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import zipfile
 from collections.abc import Sequence
@@ -13,6 +14,7 @@ HEADERS = Path(fmpy.__file__).parent / "c-code"
 
 SOURCE = """
 #include <math.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include "fmi2Functions.h"
@@ -97,23 +99,25 @@ def build(
     parameters: dict[str, float] | None = None,
     step: str = "",
     initialise: str = "",
+    source: str = "",
 ) -> Path:
     """Write `folder/name.fmu`.
 
     Args:
         folder: an existing folder.
         name: also the model identifier.
-        inputs: names of scalar inputs, which start at 0; dots become underscores in C.
+        inputs: names of scalar inputs, which start at 0; dots and brackets become underscores in C.
         outputs: names of scalar outputs.
         parameters: start values by name.
         step: C statements in which V(name) is a variable; `time` and `h` are known, LOG(...) logs an error.
         initialise: the same, at the end of the initialisation.
+        source: the whole C source instead.
     """
     variables = [(n, "input", 0.0) for n in inputs]
     variables += [(n, "parameter", value) for n, value in (parameters or {}).items()]
     variables += [(n, "output", 0.0) for n in outputs]
-    source = SOURCE.format(
-        enum=", ".join(n.replace(".", "_") for n, _, _ in variables) or "NONE",
+    source = source or SOURCE.format(
+        enum=", ".join(re.sub(r"\W", "_", n) for n, _, _ in variables) or "NONE",
         start=", ".join(str(value) for _, _, value in variables) or "0",
         step=step,
         initialise=initialise,

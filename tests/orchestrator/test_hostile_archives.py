@@ -144,6 +144,30 @@ def test_an_archive_that_would_fill_the_disk_is_refused(fmu, root, monkeypatch):
     assert not list(root.iterdir())
 
 
+def test_a_huge_description_is_refused_unread(fmu, root, monkeypatch):
+    monkeypatch.setattr(archive, "LARGEST_DESCRIPTION", 2**20)
+    path = rewritten(fmu, lambda name, content: content + b" " * 2**20 if name.endswith(".xml") else content)
+    with pytest.raises(UserError, match=r"has a modelDescription.xml of 1 MiB, more than an FMU's has"):
+        open_archive(path)
+    assert not list(root.iterdir())
+
+
+def test_a_description_whose_entities_explode_is_refused(fmu, root):
+    entities = "".join(f'<!ENTITY e{i} "{f"&e{i - 1};" * 20 if i else "boom" * 20}">' for i in range(12))
+
+    def explode(name: str, content: bytes) -> bytes:
+        if not name.endswith(".xml"):
+            return content
+        head, _, rest = content.partition(b"?>")
+        body = rest.replace(b'modelName="foreign"', b'modelName="&e11;"')
+        return head + f"?><!DOCTYPE fmiModelDescription [{entities}]>".encode() + body
+
+    with pytest.raises(UserError, match=r"has a modelDescription.xml that is not valid: ") as error:
+        open_archive(rewritten(fmu, explode))
+    assert "\n" not in str(error.value)
+    assert not list(root.iterdir())
+
+
 def test_an_archive_with_too_many_entries_is_refused(fmu, root, monkeypatch):
     monkeypatch.setattr(archive, "LARGEST_COUNT", 10)
     path = rewritten(fmu, keep, [(f"resources/{i}", "") for i in range(10)])

@@ -13,7 +13,7 @@ import pytest
 from rotordx.orchestrator.component import ComponentError
 from rotordx.orchestrator.recording import SignalInfo
 from rotordx.orchestrator.stepper import Stepper
-from rotordx.orchestrator.variables import Variable
+from rotordx.orchestrator.variables import Element, Variable
 from rotordx.orchestrator.wiring import Wiring
 
 STEP_SIZE = 0.1
@@ -29,14 +29,15 @@ class Double:
     statuses: dict[str, int] = field(default_factory=dict)
     name: str = "double"
     fmi: int = 3
+    substeps: int = 1
     instance: int = 0
 
     def __post_init__(self) -> None:
         self.messages: list[str] = []
         self.times: list[float] = []
         self.value = math.nan
-        self.inputs = {"u": Variable("u", "Float64", "input", "1", "", None, (7,), None, 0, 0, {})}
-        self.outputs = {"y": Variable("y", "Float64", "output", "1", "", None, (9,), None, 0, 0, {})}
+        self.inputs = {"u": Variable("u", "Float64", "input", "1", "", None, (Element(7),), None, 0, 0, {})}
+        self.outputs = {"y": Variable("y", "Float64", "output", "1", "", None, (Element(9),), None, 0, 0, {})}
         self.functions = {"fmi3SetFloat64": SET(self.set), "fmi3GetFloat64": SET(self.get)}
         self.functions["fmi3DoStep"] = DO_STEP(self.step)
 

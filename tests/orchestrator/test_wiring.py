@@ -9,13 +9,13 @@ import pytest
 
 from rotordx.orchestrator.errors import UserError
 from rotordx.orchestrator.layout import Connection
-from rotordx.orchestrator.variables import Variable
+from rotordx.orchestrator.variables import Element, Variable
 from rotordx.orchestrator.wiring import wire
 
 
 def ports(causality: str, sizes: dict[str, int | None]) -> dict[str, Variable]:
     return {
-        name: Variable(name, "Real", causality, "m", "", size, (0,), None, -math.inf, math.inf, {})
+        name: Variable(name, "Real", causality, "m", "", size, (Element(0),), None, -math.inf, math.inf, {})
         for name, size in sizes.items()
     }
 
