@@ -5,16 +5,16 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-SOURCES := pyproject.toml CMakeLists.txt $(shell find fmus orchestrator gains -type f \
+SOURCES := pyproject.toml CMakeLists.txt $(shell find fmus orchestrator gains hil_bridge -type f \
   \( -name '*.c' -o -name '*.cpp' -o -name '*.hpp' -o -name '*.h' -o -name 'CMakeLists.txt' -o -name '*.json' \) \
   -o -path 'fmus/*.py' -o -path 'fmus/*.toml')
 
-.PHONY: help demo test build lint format bench bars designs clean
+.PHONY: help demo test build lint format bench bars designs vcan c-table c-platforms platforms compatibility clean
 .DELETE_ON_ERROR:
 
 help:
 	@sed -n 's/^# //p' Makefile | head -n 2
-	@echo "make build | lint | format | bench | bars | designs | clean"
+	@echo "make build | lint | format | bench | bars | designs | vcan | c-table | c-platforms | platforms | compatibility | clean"
 
 demo: build
 	@$(BIN)/rotordx run
@@ -51,9 +51,9 @@ $(VENV)/.lint: $(VENV)/.test
 build: $(VENV)/.build
 
 # mypy sees the packages under the names they are imported by.
-build/typing/rotordx:
-	@mkdir -p $@
-	@for package in fmus gains orchestrator; do ln -sfn $(CURDIR)/$$package $@/$$package; done
+build/typing/rotordx: Makefile
+	@mkdir -p $@ && touch $@
+	@for package in fmus gains orchestrator hil_bridge; do ln -sfn $(CURDIR)/$$package $@/$$package; done
 
 CXX_FILES = $(shell find fmus orchestrator -name '*.cpp' -o -name '*.hpp' -o -name '*.c' -o -name '*.h')
 
@@ -62,7 +62,7 @@ lint: build $(VENV)/.lint build/typing/rotordx
 	$(BIN)/ruff format --check .
 	$(BIN)/clang-format --dry-run -Werror $(CXX_FILES)
 	cd build/typing && MYPYPATH=. $(CURDIR)/$(BIN)/mypy --config-file $(CURDIR)/pyproject.toml \
-	  -p rotordx.fmus -p rotordx.gains -p rotordx.orchestrator
+	  -p rotordx.fmus -p rotordx.gains -p rotordx.orchestrator -p rotordx.hil_bridge
 
 format: $(VENV)/.lint
 	$(BIN)/ruff check --fix .
@@ -77,9 +77,37 @@ designs: build
 	$(BIN)/python -m rotordx.orchestrator.healthy_flights
 	$(BIN)/python -m rotordx.gains.packaged
 
-# The full campaign behind the figures of merit; its results are written to tests/bars/results.
+# The full campaigns behind the figures of merit; their results are written to tests/bars/results.
 bars: build $(VENV)/.test
-	$(BIN)/python -m tests.bars.campaign
+	for campaign in fdie lab_x thau hinf kalman rho_adaptive; do $(BIN)/python -m tests.bars.$$campaign || exit 1; done
+
+# The tests of the CAN bridge on a real SocketCAN vcan, inside user-mode Linux.
+vcan: build $(VENV)/.test
+	$(BIN)/python -m pytest -p no:xdist -o addopts= -q tests/can/test_vcan.py
+
+# What the exported C takes on a Cortex-M7; the figures go into orchestrator/export.
+c-table: build $(VENV)/.test
+	$(BIN)/python -m tests.c_export.table
+
+# Compilers for other platforms.
+$(VENV)/.platforms: $(VENV)/.requirements
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check $$($(BIN)/python -c \
+	  "import tomllib; print(*tomllib.load(open('pyproject.toml', 'rb'))['project']['optional-dependencies']['platforms'])")
+	@touch $@
+
+# The exported C for Windows, macOS and aarch64, and cppcheck of the largest diagnosers: minutes, more at the first time.
+c-platforms: build $(VENV)/.test $(VENV)/.platforms
+	$(BIN)/python -m pytest -m slow tests/c_export
+
+# FMUs for other platforms, run by wine and qemu-user where these are installed: minutes, more at the first time.
+platforms: build $(VENV)/.test $(VENV)/.platforms
+	$(BIN)/python -m pytest -m slow tests/swap/test_other_platforms.py
+
+# Every FMU in every importer that pip installs, beside FMPy. CoFMUPy pins another FMPy: without its dependencies.
+compatibility: build $(VENV)/.test
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --group compatibility
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps cofmupy==1.0.0
+	$(BIN)/python tests/swap/compatibility.py
 
 clean:
 	rm -rf build $(VENV) results
