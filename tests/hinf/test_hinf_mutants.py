@@ -6,7 +6,7 @@ from rotordx.fmus.diagnosers.fast_adaptive import step as fast_adaptive
 from rotordx.fmus.diagnosers.hinf import observer
 from rotordx.fmus.diagnosers.hinf import step as hinf
 from rotordx.fmus.model_terms import terms
-from tests.hinf import test_discretisation, test_verdicts
+from tests.hinf import test_discretisation, test_hinf_verdicts
 from tests.mutation import mutate
 
 
@@ -72,25 +72,25 @@ def test_mutants_do_not_follow_the_continuous_observers(monkeypatch, name, funct
         pytest.param(
             "margin=if_else(four, parameters.margin, parameters.torque_margin)",
             "margin=parameters.margin",
-            test_verdicts.test_thresholds_are_those_of_the_model,
+            test_hinf_verdicts.test_thresholds_are_those_of_the_model,
             id="margin-of-the-other-model",
         ),
         pytest.param(
             "vertcat(four * estimate.signatures[0, :]",
             "vertcat(estimate.signatures[0, :]",
-            test_verdicts.test_tau3_names_a_rotor_without_the_vertical_velocity,
+            test_hinf_verdicts.test_tau3_names_a_rotor_without_the_vertical_velocity,
             id="tau3-expects-v_z",
         ),
         pytest.param(
             "solve(estimate.signatures, deviation)",
             "-deviation",
-            test_verdicts.test_vz4_estimates_several_losses_at_once,
+            test_hinf_verdicts.test_vz4_estimates_several_losses_at_once,
             id="accelerations-for-losses",
         ),
         pytest.param(
             "if_else(others > 0, each, verdict.loe_estimate)",
             "verdict.loe_estimate",
-            test_verdicts.test_vz4_estimates_several_losses_at_once,
+            test_hinf_verdicts.test_vz4_estimates_several_losses_at_once,
             id="only-the-named-rotor",
         ),
     ],
@@ -104,4 +104,4 @@ def test_mutants_break_the_verdict(monkeypatch, old, new, check):
 def test_without_patience_a_transient_flags_healthy_rotors(monkeypatch):
     mutate(monkeypatch, hinf._judged, "> settling_time + clock.dt / 2", "> -1")
     with pytest.raises(AssertionError):
-        test_verdicts.test_one_loss_flags_no_other_rotor()
+        test_hinf_verdicts.test_one_loss_flags_no_other_rotor()
