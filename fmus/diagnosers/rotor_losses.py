@@ -81,7 +81,7 @@ class VehicleState(DecisionState):
 class FilterOutputs(DiagnosisOutputs):
     """What both filters say; channels are v_z, p, q, r."""
 
-    residual: Vector = port("m/s2, rad/s2", "deviation by the losses from their healthy offsets", start=(0,) * 4)
+    residual: Vector = port("m/s2, rad/s2", "effect of the losses less healthy offsets: v_z, p, q, r", start=(0,) * 4)
     threshold: Vector = port("m/s2, rad/s2", "a fault is detected when |residual| exceeds it", start=(nan,) * 4)
     loss_estimate: Vector = port("1", "gamma: loss of effectiveness of each rotor, offsets included", start=(0,) * 4)
     loss_deviation: Vector = port("1", "the same less offset, and less the common mode if removed", start=(0,) * 4)

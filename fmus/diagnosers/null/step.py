@@ -33,7 +33,7 @@ class State:
 class Outputs(DiagnosisOutputs):
     """The common outputs, then residual and threshold, then the signals of the method."""
 
-    residual: Vector = port("m/s, rad/s", "residual of v_z, p, q, r", start=(0,) * 4)
+    residual: Vector = port("m/s, rad/s", "what is not as expected: v_z, p, q, r", start=(0,) * 4)
     threshold: Vector = port("m/s, rad/s", "a fault is detected when |residual| exceeds it", start=(0,) * 4)
 
 

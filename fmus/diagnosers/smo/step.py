@@ -52,7 +52,7 @@ class State(DecisionState, ObserverState, KnownState):
 class Outputs(DiagnosisOutputs):
     """The common outputs, then residual and threshold, then the observer's."""
 
-    residual: Vector = port("m/s2, rad/s2", "deviation of acceleration_estimate from the healthy one", start=(0,) * 4)
+    residual: Vector = port("m/s2, rad/s2", "acceleration_estimate less its healthy mean: v_z, p, q, r", start=(0,) * 4)
     threshold: Vector = port("m/s2, rad/s2", "margin of a healthy vehicle, NaN until calibrated", start=(nan,) * 4)
     acceleration_estimate: Vector = port(
         "m/s2, rad/s2", "unknown acceleration of v_z, p, q, r: filtered injection", start=(0,) * 4
