@@ -67,13 +67,15 @@ def run(command: list[str], timeout: float) -> subprocess.CompletedProcess[str]:
 def _init_script(command: list[str], prefix: Path) -> str:
     """The first program of that Linux: file systems, modules, buses, command, power off."""
     itself = shlex.join([sys.executable, str(Path(__file__).resolve())])
+    needed = [Path.cwd().resolve(), *(Path(p).resolve() for p in (sys.executable, sys.prefix, sys.base_prefix))]
+    writable = [f for f in ("/run", "/tmp", "/var/tmp") if not any(n.is_relative_to(f) for n in needed)]
     return f"""#!/bin/sh
-export PATH={shlex.quote(os.environ["PATH"])} HOME=/ LANG=C.UTF-8 TMPDIR=/var/tmp
-export PYTHONDONTWRITEBYTECODE=1 HYPOTHESIS_STORAGE_DIRECTORY=/var/tmp
+export PATH={shlex.quote(os.environ["PATH"])} HOME=/ LANG=C.UTF-8 TMPDIR=/dev/shm
+export PYTHONDONTWRITEBYTECODE=1 HYPOTHESIS_STORAGE_DIRECTORY=/dev/shm
 {itself} --load-modules {shlex.quote(str(prefix))}
 mount -t proc proc /proc; mount -t sysfs sys /sys; mount -t devtmpfs dev /dev
 mkdir -p /dev/shm
-for folder in /dev/shm /run /tmp /var/tmp; do mount -t tmpfs tmpfs $folder; done
+for folder in {shlex.join(["/dev/shm", *writable])}; do mount -t tmpfs tmpfs $folder; done
 ip link set lo up
 ip link add dev vcan0 type vcan && ip link set vcan0 up
 ip link add vxcan0 type vxcan peer name vxcan1 && ip link set vxcan0 up && ip link set vxcan1 up
