@@ -23,12 +23,12 @@ from rotordx.fmus.shell.model_description import token
 from rotordx.fmus.shell.pack import pack
 from rotordx.fmus.shell.ports import Component, with_starts
 from rotordx.fmus.shell.readme import CLOSING, OPENING, port_table, readme_path
-from rotordx.fmus.vehicles import Vehicle, VehicleError, load_design, load_vehicle
+from rotordx.fmus.vehicles import Vehicle
 from rotordx.orchestrator.documents import one_of
 from rotordx.orchestrator.errors import UserError
 from rotordx.orchestrator.export.fmu_compiler import DEFINITIONS, OPTIONS, Platform, library
 from rotordx.orchestrator.export.fmu_sources import compiled, sources
-from rotordx.orchestrator.parameters import missing_design
+from rotordx.orchestrator.export.subject import vehicle_and_design
 
 _PAGE = """<!DOCTYPE html>
 <html lang="en">
@@ -67,16 +67,7 @@ def parametrised(name: str, vehicle: str) -> tuple[Component, Vehicle]:
     known = [*component_names(), *diagnoser_ids()]
     if name not in known:
         raise UserError(f"{name!r} must be {one_of(known, name)}")
-    try:
-        craft = load_vehicle(vehicle)
-        design = load_design(craft, name) if name in diagnoser_ids() else None
-    except VehicleError as error:
-        raise UserError(str(error)) from error
-    if missing_design(craft, name):
-        raise UserError(
-            f"there is no design of {name} for {craft.name}, and gains for another vehicle must not fly: "
-            f"make one with `rotordx design {name} --vehicle {vehicle}`"
-        )
+    craft, design = vehicle_and_design(name, vehicle)
     starts = craft.parameters | (design["parameters"] if design else {})
     component = load_component(name)
     parameters = tuple(with_starts(cls, starts) for cls in component.parameters)

@@ -87,16 +87,7 @@ def subject(diagnoser: str, vehicle: str, step_size: float = STEP_SIZE.start[0])
         raise UserError(f"{diagnoser!r} must be {one_of(diagnoser_ids(), diagnoser)}")
     if not SHORTEST_STEP <= step_size <= LONGEST_STEP:
         raise UserError(f"--step-size is {step_size:g} but must be from {SHORTEST_STEP:g} to {LONGEST_STEP:g} s")
-    try:
-        craft = load_vehicle(vehicle)
-        design = load_design(craft, diagnoser)
-    except VehicleError as error:
-        raise UserError(str(error)) from error
-    if missing_design(craft, diagnoser):
-        raise UserError(
-            f"there is no design of {diagnoser} for {craft.name}, and gains for another vehicle must not fly: "
-            f"make one with `rotordx design {diagnoser} --vehicle {vehicle}`"
-        )
+    craft, design = vehicle_and_design(diagnoser, vehicle)
     rows = _flown(vehicle, step_size)
     component = load_component(diagnoser)
     scenario = Scenario(
@@ -112,6 +103,25 @@ def subject(diagnoser: str, vehicle: str, step_size: float = STEP_SIZE.start[0])
         recording = fly(scenario, system, external=_external(interpolated(rows)))
     parametrised = dataclasses.replace(component, parameters=tuple(with_starts(c, given) for c in component.parameters))
     return Subject(parametrised, craft, step_size, design, Flight(rows, _answers(recording, component)))
+
+
+def vehicle_and_design(name: str, vehicle: str) -> tuple[Vehicle, dict[str, Any] | None]:
+    """A vehicle (name or path), and the design of a component for it: None if the component has no gains.
+
+    Raises:
+        UserError: there is no such vehicle, or the gains of the component are not designed for it.
+    """
+    try:
+        craft = load_vehicle(vehicle)
+        design = load_design(craft, name) if name in diagnoser_ids() else None
+    except VehicleError as error:
+        raise UserError(str(error)) from error
+    if missing_design(craft, name):
+        raise UserError(
+            f"there is no design of {name} for {craft.name}, and gains for another vehicle must not fly: "
+            f"make one with `rotordx design {name} --vehicle {vehicle}`"
+        )
+    return craft, design
 
 
 def interpolated(rows: NDArray[np.float32]) -> NDArray[np.float64]:

@@ -21,12 +21,16 @@ def in_private_network(*command: str) -> list[str]:
 
 @pytest.fixture(scope="session")
 def private_network() -> None:
+    """Skips where the machine gives nobody a network namespace (no `unshare` or `ip`, or a container that forbids it).
+
+    On the machine's own network the multicast frames of these tests would meet those of other programs.
+    """
     try:
         attempt = subprocess.run(in_private_network("true"), capture_output=True, text=True)
     except FileNotFoundError as error:
-        pytest.skip(f"no private network: {error}")
+        pytest.skip(f"no private network, unshare or ip is not installed: {error}")
     if attempt.returncode:
-        pytest.skip(f"no private network: {attempt.stderr.strip()}")
+        pytest.skip(f"no private network, this machine forbids it: {attempt.stderr.strip()}")
 
 
 @pytest.mark.xdist_group("wire")

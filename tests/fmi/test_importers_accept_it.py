@@ -12,6 +12,7 @@ from fmpy.fmi2 import fmi2LastSuccessfulTime, fmi2Terminated
 from fmpy.validation import validate_fmu
 
 from rotordx.fmus import fmu_path
+from tests.importers import importer
 
 
 @pytest.mark.parametrize(("name", "fmi"), FMUS)
@@ -83,10 +84,7 @@ def test_fmi3_reports_the_time_reached(instantiate):
 
 def run_in_ecos(name, inputs, outputs, steps):
     """Final outputs of an FMU in Ecos, which has an FMI implementation of its own; all values by element name."""
-    try:
-        import ecospy
-    except (ImportError, OSError) as error:  # its library needs Debian's libtbb12
-        pytest.skip(f"ecospy cannot be loaded: {error}")
+    ecospy = importer("ecospy")
     with ecospy.EcosSimulationStructure() as structure:
         structure.add_model("fmu", fmu_path(name, 2))
         with ecospy.EcosSimulation(step_size=STEP, structure=structure) as simulation:

@@ -147,9 +147,9 @@ def trajectory(folder: Path, name: str, target: str, runner: list[str]) -> np.nd
 def test_another_platform_computes_the_same(name, target, tool, tmp_path):
     pytest.importorskip("ziglang")
     if shutil.which(tool) is None:
-        pytest.skip(f"{tool} is not installed")
+        pytest.skip(f"{tool}, which runs the other platform's code here, is not installed")
     if (platform.system(), platform.machine()) != ("Linux", "x86_64"):
-        pytest.skip("the reference is computed on x86_64 Linux")
+        pytest.skip("on this machine there is no x86_64 Linux library to compare with")
     runner = [tool] if target == "win64" else [tool, "-L", str(SYSROOT)]
     there, here = trajectory(tmp_path, name, target, runner), trajectory(tmp_path, name, "linux64", [])
     assert here.size > 10

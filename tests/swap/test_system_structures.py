@@ -18,6 +18,7 @@ from rotordx.orchestrator.errors import UserError
 from rotordx.orchestrator.flight import fly
 from rotordx.orchestrator.scenario import load_scenario
 from rotordx.orchestrator.system_structure import NAMESPACES
+from tests.importers import importer
 from tests.orchestrator.foreign_fmu import build
 
 STEP = 0.002
@@ -102,10 +103,7 @@ def test_units_and_parameters_are_in_it(archive):
 
 
 def verdict_in_ecos(path: Path) -> dict[str, float]:
-    try:
-        import ecospy
-    except (ImportError, OSError) as error:  # its library needs Debian's libtbb12
-        pytest.skip(f"ecospy cannot be loaded: {error}")
+    ecospy = importer("ecospy")
     with ecospy.EcosSimulation(step_size=STEP, ssp_path=str(path)) as simulation:
         simulation.init(parameter_set="initialValues")
         simulation.step(round(CHANGES["duration_s"] / STEP))
@@ -115,11 +113,8 @@ def verdict_in_ecos(path: Path) -> dict[str, float]:
 
 
 def verdict_in_libcosim(path: Path) -> dict[str, float]:
-    try:
-        from libcosimpy.CosimExecution import CosimExecution
-        from libcosimpy.CosimObserver import CosimObserver
-    except (ImportError, OSError) as error:
-        pytest.skip(f"libcosimpy cannot be loaded: {error}")
+    CosimExecution = importer("libcosimpy.CosimExecution").CosimExecution
+    CosimObserver = importer("libcosimpy.CosimObserver").CosimObserver
     execution = CosimExecution.from_ssp_file(ssp_path=str(path), step_size=round(1e9 * STEP))
     observer = CosimObserver.create_last_value()
     execution.add_observer(observer)

@@ -8,10 +8,10 @@ import sys
 from pathlib import Path
 
 import numpy as np
-import pytest
 
 from rotordx.orchestrator.flight import fly
 from rotordx.orchestrator.scenario import load_scenario
+from tests.importers import importer
 
 README = (Path(__file__).parents[2] / "orchestrator" / "README.md").read_text(encoding="utf-8")
 
@@ -27,7 +27,7 @@ def block(language: str, beginning: str) -> str:
 
 
 def test_a_controller_made_with_pythonfmu3_flies(tmp_path):
-    pytest.importorskip("pythonfmu3")
+    importer("pythonfmu3")
     (tmp_path / "hover.py").write_text(block("python", "# hover.py"))
     (tmp_path / "hover.toml").write_text(block("toml", "# hover.toml"))
     build = [sys.executable, "-m", "pythonfmu3", "build", "-f", "hover.py"]
@@ -38,10 +38,7 @@ def test_a_controller_made_with_pythonfmu3_flies(tmp_path):
 
 
 def test_fdie_runs_in_ecos_from_ten_lines():
-    try:
-        import ecospy  # noqa: F401
-    except (ImportError, OSError) as error:  # its library needs Debian's libtbb12
-        pytest.skip(f"ecospy cannot be loaded: {error}")
+    importer("ecospy")
     code = block("python", "import ecospy")
     assert len([line for line in code.splitlines() if line]) <= 11
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
