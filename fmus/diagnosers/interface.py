@@ -17,7 +17,9 @@ from typing import TypeVar
 
 from casadi import DM, exp, expm1, fmax, if_else, mmax
 
+from rotordx.fmus.model_terms.terms import motor_lag
 from rotordx.fmus.shell.ports import Scalar, Vector, port, ports, table
+from rotordx.fmus.vehicles.parameters import VehicleParameters
 
 T = TypeVar("T")
 
@@ -86,6 +88,24 @@ def select(condition: Scalar, if_true: T, if_false: T) -> T:
 def any_of(conditions: Vector) -> Scalar:
     """1 if at least one element of a vector of flags is set."""
     return mmax(conditions)
+
+
+def rows(values: Vector, columns: int) -> Vector:
+    """The matrix that a parameter lists by rows."""
+    return values.reshape((columns, values.numel() // columns)).T
+
+
+def lagged_speed(
+    started: Scalar, previous: Vector, command: Command, vehicle: VehicleParameters, dt: Scalar
+) -> tuple[Vector, Vector]:
+    """Rotor speeds (4), rad/s, at both ends of the step that ends now: the command behind the nominal motor lag.
+
+    Args:
+        started: 0 on the first sample, when it is as if the command had always been so.
+        previous: the speeds at the start of the step (4), rad/s.
+    """
+    before = if_else(started, previous, command.rotor_speed_command)
+    return before, motor_lag(before, command.rotor_speed_command, dt, vehicle)
 
 
 def hold_filter(rate: Vector, dt: Scalar) -> tuple[Vector, Vector]:

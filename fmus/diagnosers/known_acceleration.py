@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 from casadi import SX, if_else, sum2, vertcat
 
-from rotordx.fmus.diagnosers.interface import Clock, Command, Measured, critically_damped_filter
-from rotordx.fmus.model_terms.terms import fault_signatures, motor_lag, rate_dynamics
+from rotordx.fmus.diagnosers.interface import Clock, Command, Measured, critically_damped_filter, lagged_speed
+from rotordx.fmus.model_terms.terms import fault_signatures, rate_dynamics
 from rotordx.fmus.shell.ports import Scalar, Vector, port, ports
 from rotordx.fmus.vehicles.parameters import VehicleParameters
 
@@ -70,8 +70,7 @@ def known_acceleration(
     Means over the step are those of its two ends: held at either, the model would be half a step early or late.
     """
     channels = vertcat(measured.vertical_velocity, measured.body_rate)
-    speed_before = if_else(state.started, state.rotor_speed, command.rotor_speed_command)
-    speed = motor_lag(speed_before, command.rotor_speed_command, clock.dt, vehicle)
+    speed_before, speed = lagged_speed(state.started, state.rotor_speed, command, vehicle, clock.dt)
     mean_speed = (speed_before + speed) / 2
 
     unmatched = fault_signatures(measured.euler, mean_speed, vehicle)

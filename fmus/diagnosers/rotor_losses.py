@@ -16,9 +16,9 @@ from math import nan
 from casadi import SX, diag, exp, fmax, if_else, jacobian, mmax, mmin, repmat, sqrt, sum1, vertcat, vertsplit
 
 from rotordx.fmus.diagnosers import kalman
-from rotordx.fmus.diagnosers.interface import Clock, Command, DiagnosisOutputs, Measured, hold_filter
+from rotordx.fmus.diagnosers.interface import Clock, Command, DiagnosisOutputs, Measured, hold_filter, lagged_speed
 from rotordx.fmus.diagnosers.single_rotor import DecisionParameters, DecisionState, calibrated, decide, exceeds_margin
-from rotordx.fmus.model_terms.terms import allocation, fault_signatures, input_gain, motor_lag, rate_dynamics
+from rotordx.fmus.model_terms.terms import allocation, fault_signatures, input_gain, rate_dynamics
 from rotordx.fmus.shell.ports import Scalar, Vector, port, ports
 from rotordx.fmus.vehicles.parameters import VehicleParameters
 
@@ -116,16 +116,14 @@ def known_interval(
     measured: Measured, command: Command, state: VehicleState, vehicle: VehicleParameters, dt: Scalar
 ) -> Interval:
     """Known part of the step: means of its two ends, save for Euler angles, which are held between captures."""
-    commanded = command.rotor_speed_command
-    speed_before = if_else(state.started, state.rotor_speed, commanded)
+    speed_before, speed = lagged_speed(state.started, state.rotor_speed, command, vehicle, dt)
     rate_before = if_else(state.started, state.body_rate, measured.body_rate)
-    speed = motor_lag(speed_before, commanded, dt, vehicle)
     mean_speed, mean_rate = (speed_before + speed) / 2, (rate_before + measured.body_rate) / 2
     unit = vehicle.mass * vehicle.gravity / sum1(vehicle.thrust_coefficient)  # mean squared speed in hover, rad2/s2
     return Interval(
         acceleration=rate_dynamics(vertcat(0, mean_rate), measured.euler, mean_speed, vehicle),
         effect=input_gain(measured.euler, vehicle) @ allocation(vehicle) * unit,
-        thrust=commanded**2 / unit,
+        thrust=command.rotor_speed_command**2 / unit,
         rotor_speed=speed,
         signatures=fault_signatures(measured.euler, mean_speed, vehicle),
     )

@@ -12,25 +12,18 @@ from math import nan
 
 from casadi import SX, if_else, vertcat
 
-from rotordx.fmus.diagnosers.interface import Clock, DiagnosisOutputs
-from rotordx.fmus.diagnosers.single_rotor import (
-    DecisionParameters,
-    DecisionState,
-    calibrated,
-    decide,
-    exceeds_margin,
-)
-from rotordx.fmus.diagnosers.thau.observer import (
+from rotordx.fmus.diagnosers.attitude_observer import (
     Interval,
     ObserverOutputs,
-    ObserverParameters,
     ObserverState,
     model,
     observer_outputs,
     observer_state,
-    rows,
     torque_signatures,
 )
+from rotordx.fmus.diagnosers.interface import Clock, DiagnosisOutputs, rows
+from rotordx.fmus.diagnosers.single_rotor import DecisionParameters, DecisionState, calibrated, decide, exceeds_margin
+from rotordx.fmus.diagnosers.thau.gain import ObserverParameters
 from rotordx.fmus.shell.ports import Scalar, Vector, port, ports
 from rotordx.fmus.vehicles.parameters import VehicleParameters
 

@@ -16,8 +16,8 @@ from rotordx.fmus.diagnosers.adaptive_thau.adaptation import (
     conclude,
     derivative,
 )
+from rotordx.fmus.diagnosers.attitude_observer import interval
 from rotordx.fmus.diagnosers.interface import Clock, Command, Measured, runge_kutta
-from rotordx.fmus.diagnosers.thau.observer import interval
 from rotordx.fmus.shell.ports import Vector, ports
 from rotordx.fmus.vehicles.parameters import VehicleParameters
 

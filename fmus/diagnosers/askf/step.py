@@ -10,7 +10,7 @@ from __future__ import annotations
 from casadi import SX, diagcat, if_else, sqrt
 
 from rotordx.fmus.diagnosers import kalman
-from rotordx.fmus.diagnosers.interface import Clock, Command, Measured, select
+from rotordx.fmus.diagnosers.interface import Clock, Command, Measured, rows, select
 from rotordx.fmus.diagnosers.rotor_losses import (
     LOSS_COUNT,
     STATE_COUNT,
@@ -65,7 +65,7 @@ def step(
     model = step_model(interval, parameters, vehicle, clock.dt)
     before, y = _unpacked(state), measurement(measured)
     optimal, innovation = kalman.augmented_step(before, model, y)
-    gain = parameters.kalman_gain.reshape((LOSS_COUNT, SIZE)).T
+    gain = rows(parameters.kalman_gain, LOSS_COUNT)
     steady, error = kalman.fixed_augmented_step(before, model, y, gain)
     fixed = parameters.fixed_gain
 

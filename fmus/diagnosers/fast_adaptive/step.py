@@ -11,18 +11,17 @@ from math import nan
 
 from casadi import if_else, vertcat
 
-from rotordx.fmus.diagnosers.interface import Clock, Command, DiagnosisOutputs, Measured, runge_kutta
-from rotordx.fmus.diagnosers.single_rotor import DecisionParameters, DecisionState, calibrated, decide, exceeds_margin
-from rotordx.fmus.diagnosers.thau.observer import (
+from rotordx.fmus.diagnosers.attitude_observer import (
     ObserverOutputs,
     ObserverState,
     interval,
     model,
     observer_outputs,
     observer_state,
-    rows,
     torque_signatures,
 )
+from rotordx.fmus.diagnosers.interface import Clock, Command, DiagnosisOutputs, Measured, rows, runge_kutta
+from rotordx.fmus.diagnosers.single_rotor import DecisionParameters, DecisionState, calibrated, decide, exceeds_margin
 from rotordx.fmus.shell.ports import Scalar, Vector, port, ports
 from rotordx.fmus.vehicles.parameters import VehicleParameters
 

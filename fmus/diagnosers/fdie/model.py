@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 from casadi import fabs, if_else, sqrt, sum2, vertcat
 
-from rotordx.fmus.diagnosers.interface import Clock, Command, Measured, critically_damped_filter
+from rotordx.fmus.diagnosers.interface import Clock, Command, Measured, critically_damped_filter, lagged_speed
 from rotordx.fmus.model_terms.terms import fault_signatures, motor_lag, rate_dynamics
 from rotordx.fmus.shell.ports import Scalar, Vector, port, ports
 from rotordx.fmus.vehicles.parameters import VehicleParameters
@@ -84,10 +84,8 @@ def known_model(
     zeta_before = if_else(started, state.zeta, zeta)
     mean_zeta = (zeta_before + zeta) / 2
 
-    target_speed = command.rotor_speed_command
-    speed_before = if_else(started, state.rotor_speed, target_speed)
-    remembered_before = if_else(started, state.remembered_speed, target_speed)
-    speed = motor_lag(speed_before, target_speed, dt, vehicle)
+    speed_before, speed = lagged_speed(started, state.rotor_speed, command, vehicle, dt)
+    remembered_before = if_else(started, state.remembered_speed, command.rotor_speed_command)
     fading = motor_lag(remembered_before, FORGOTTEN_SPEED, dt / parameters.motor_lag_margin, vehicle)
     remembered_speed = if_else(detected, fading, speed)
     mean_speed = (speed_before + speed) / 2
@@ -99,7 +97,7 @@ def known_model(
     # A loss that began before detection turns a rotor at alpha Omega + (1 - alpha) Omega_old, Omega_old <= the speed
     # remembered: the signature is short of full by at most loss h(sqrt(Omega Omega_remembered)).
     remembered = fault_signatures(measured.euler, sqrt(mean_speed * mean_remembered), vehicle)
-    unlagged = fault_signatures(measured.euler, target_speed, vehicle)
+    unlagged = fault_signatures(measured.euler, command.rotor_speed_command, vehicle)
     bound = _bound(signatures, unlagged, parameters, vehicle)
 
     target = vertcat(nominal[0], bound[0], signatures[0, :].T, remembered[0, :].T)

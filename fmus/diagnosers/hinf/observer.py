@@ -15,14 +15,8 @@ from math import nan
 
 from casadi import SX, diag, fabs, fmax, if_else, mmax, vertcat
 
-from rotordx.fmus.diagnosers.interface import Command, Measured, runge_kutta
-from rotordx.fmus.diagnosers.thau.observer import (
-    Interval,
-    ObserverState,
-    interval,
-    observer_state,
-    rows,
-)
+from rotordx.fmus.diagnosers.attitude_observer import Interval, ObserverState, StateEstimate, interval, observer_state
+from rotordx.fmus.diagnosers.interface import Command, Measured, rows, runge_kutta
 from rotordx.fmus.model_terms.terms import euler_rate, fault_signatures, rate_dynamics
 from rotordx.fmus.shell.ports import Scalar, Vector, port, ports
 from rotordx.fmus.vehicles.parameters import VehicleParameters
@@ -63,11 +57,9 @@ class FaultObserverState(ObserverState):
 
 
 @ports
-class FaultObserverOutputs:
+class FaultObserverOutputs(StateEstimate):
     """Estimated state and faults."""
 
-    euler_estimate: Vector = port("rad", "x_hat: roll, pitch, yaw, within +-pi", start=(0,) * 3)
-    body_rate_estimate: Vector = port("rad/s", "x_hat: p, q, r", start=(0,) * 3)
     vertical_velocity_estimate: Scalar = port("m/s", "estimated v_z without the filter's delay, NaN with tau3")
     fault_estimate: Vector = port(
         "1", "f_hat: missing part of each rotor's squared speed over hover's; with tau3 of the torques, and 0", (0,) * 4

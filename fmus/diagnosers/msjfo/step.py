@@ -9,7 +9,7 @@ from __future__ import annotations
 from casadi import SX, if_else
 
 from rotordx.fmus.diagnosers import kalman
-from rotordx.fmus.diagnosers.interface import Clock, Command, Measured, select
+from rotordx.fmus.diagnosers.interface import Clock, Command, Measured, rows, select
 from rotordx.fmus.diagnosers.rotor_losses import (
     LOSS_COUNT,
     STATE_COUNT,
@@ -73,7 +73,7 @@ def step(
     model = step_model(interval, parameters, vehicle, clock.dt)
     before, y = _unpacked(state), measurement(measured)
     optimal, innovation = kalman.staged_step(before, model, y)
-    gain = parameters.bias_free_gain.reshape((LOSS_COUNT, STATE_COUNT)).T
+    gain = rows(parameters.bias_free_gain, LOSS_COUNT)
     held, held_innovation = kalman.fixed_staged_step(before, model, y, gain, parameters.bias_free_innovation_variance)
     fixed = parameters.fixed_gain
 

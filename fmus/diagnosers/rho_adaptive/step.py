@@ -10,7 +10,7 @@ from math import nan
 
 from casadi import if_else, logic_and, logic_not, logic_or
 
-from rotordx.fmus.diagnosers.interface import Clock, Command, DiagnosisOutputs, Measured
+from rotordx.fmus.diagnosers.interface import Clock, Command, DiagnosisOutputs, Measured, rows
 from rotordx.fmus.diagnosers.known_acceleration import KnownParameters, KnownState, known_acceleration
 from rotordx.fmus.diagnosers.rho_adaptive.estimator import AdaptationParameters, advance_estimator, inverse
 from rotordx.fmus.diagnosers.rho_adaptive.evaluation import EvaluationParameters, EvaluationState, evaluate
@@ -78,7 +78,7 @@ def step(
         lambda x: known.acceleration(x) + offset,
         known.signatures,
         inverse(known.signatures),
-        parameters.observer_gain.reshape((4, 4)).T,
+        rows(parameters.observer_gain, 4),
         parameters,
         clock.dt,
     )

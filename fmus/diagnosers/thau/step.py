@@ -10,6 +10,15 @@ from math import nan
 
 from casadi import fabs, if_else, logic_or, vertcat
 
+from rotordx.fmus.diagnosers.attitude_observer import (
+    ObserverOutputs,
+    ObserverState,
+    interval,
+    model,
+    observer_outputs,
+    observer_state,
+    torque_signatures,
+)
 from rotordx.fmus.diagnosers.interface import (
     Clock,
     Command,
@@ -17,20 +26,11 @@ from rotordx.fmus.diagnosers.interface import (
     Measured,
     any_of,
     hold_filter,
+    rows,
     runge_kutta,
 )
 from rotordx.fmus.diagnosers.single_rotor import DecisionParameters, DecisionState, calibrated, decide, exceeds_margin
-from rotordx.fmus.diagnosers.thau.observer import (
-    ObserverOutputs,
-    ObserverParameters,
-    ObserverState,
-    interval,
-    model,
-    observer_outputs,
-    observer_state,
-    rows,
-    torque_signatures,
-)
+from rotordx.fmus.diagnosers.thau.gain import ObserverParameters
 from rotordx.fmus.shell.ports import Scalar, Vector, port, ports
 from rotordx.fmus.vehicles.parameters import VehicleParameters
 

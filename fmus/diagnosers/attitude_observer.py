@@ -1,9 +1,9 @@
-"""The Thau observer of attitude and body rates (Nguyen, Hong 2018, (5)-(8) corrected), which three diagnosers share.
+"""Observers of attitude and body rates, y = x = [roll, pitch, yaw, p, q, r], in discrete time: what they share.
 
-    x_hat' = A x_hat + p(x_hat, u) + B u - K (y_hat - y) + E w,    x = [roll, pitch, yaw, p, q, r],    y = x
+    x_hat' = A x_hat + p(x_hat, u) + B u + w
 
-A x + p + B u is the rigid body of the model terms, u its known torques; w is what a diagnoser adds: its fault estimate,
-its sliding term. (8) and (13) print + K (y_hat - y), with which the observer diverges; (16) has the sign used here.
+A x + p + B u is the rigid body of the model terms, u its known torques; w is what a diagnoser adds: its injection of
+y_hat - y, its fault estimate, its sliding term.
 """
 
 from __future__ import annotations
@@ -13,20 +13,10 @@ from math import pi
 
 from casadi import SX, floor, if_else, vertcat
 
-from rotordx.fmus.diagnosers.interface import Command, DiagnosisOutputs, Measured
-from rotordx.fmus.model_terms.terms import euler_rate, fault_signatures, motor_lag, rate_dynamics
+from rotordx.fmus.diagnosers.interface import Command, DiagnosisOutputs, Measured, lagged_speed
+from rotordx.fmus.model_terms.terms import euler_rate, fault_signatures, rate_dynamics
 from rotordx.fmus.shell.ports import Scalar, Vector, port, ports
 from rotordx.fmus.vehicles.parameters import VehicleParameters
-
-#: Lemma 1 for epsilon = 100 1/s, up to 0.01
-K_OF_THE_PAPER = tuple(100.0 if i == j else 1.0 if abs(i - j) == 3 else 0.0 for i in range(6) for j in range(6))
-
-
-@ports
-class ObserverParameters:
-    """Gain of Lemma 1 (gains/thau.py)."""
-
-    observer_gain: Vector = port("1/s", "K of (8), 6x6 by rows: roll, pitch, yaw, p, q, r", start=K_OF_THE_PAPER)
 
 
 @ports
@@ -42,11 +32,17 @@ class ObserverState:
 
 
 @ports
-class ObserverOutputs:
-    """State and fault."""
+class StateEstimate:
+    """The state, as an output."""
 
     euler_estimate: Vector = port("rad", "x_hat: roll, pitch, yaw, within +-pi", start=(0,) * 3)
     body_rate_estimate: Vector = port("rad/s", "x_hat: p, q, r", start=(0,) * 3)
+
+
+@ports
+class ObserverOutputs(StateEstimate):
+    """State and fault."""
+
     torque_fault: Vector = port("N.m", "f_hat: torque about x, y, z beyond the healthy rotors'", start=(0,) * 3)
     acceleration_fault: Vector = port(
         "m/s2, rad/s2", "unknown acceleration of v_z (always 0), p, q, r: torque_fault over inertia", start=(0,) * 4
@@ -88,18 +84,18 @@ def interval(
     measurement = vertcat(measured.euler, measured.body_rate)
     estimate = if_else(state.started, vertcat(state.euler_estimate, state.body_rate_estimate), measurement)
     before = if_else(state.started, vertcat(state.euler, state.body_rate), measurement)
-    speed_before = if_else(state.started, state.rotor_speed, command.rotor_speed_command)
+    speed_before, speed = lagged_speed(state.started, state.rotor_speed, command, vehicle, dt)
     return Interval(
         estimate=estimate,
         measurement_before=continued(estimate, before),
         measurement=continued(estimate, measurement),
         speed_before=speed_before,
-        speed=motor_lag(speed_before, command.rotor_speed_command, dt, vehicle),
+        speed=speed,
     )
 
 
 def model(estimate: Vector, rotor_speed: Vector, vehicle: VehicleParameters) -> Vector:
-    """A x_hat + p(x_hat, u) + B u of (6) for healthy rotors: rates of the Euler angles and body rates (6)."""
+    """A x_hat + p(x_hat, u) + B u for healthy rotors: rates of the Euler angles and body rates (6)."""
     euler, body_rate = estimate[:3], estimate[3:6]
     acceleration = rate_dynamics(vertcat(0, body_rate), euler, rotor_speed, vehicle)[1:]
     return vertcat(euler_rate(euler, body_rate), acceleration)
@@ -114,7 +110,7 @@ def observer_state(estimate: Vector, known: Interval) -> ObserverState:
 def observer_outputs(
     state: ObserverState, fault: Vector, verdict: DiagnosisOutputs, known: Interval, vehicle: VehicleParameters
 ) -> ObserverOutputs:
-    """What all three say: x_hat, and the fault as acceleration (4, that of v_z is 0), as torque, as thrust.
+    """x_hat, and the fault as acceleration (4, that of v_z is 0), as torque, as thrust.
 
     Three torques do not give four thrusts: the thrust follows from the verdict, which assumes one faulty rotor.
     """
@@ -143,8 +139,3 @@ def wrapped(angle: Vector) -> Vector:
 def continued(estimate: Vector, measurement: Vector) -> Vector:
     """A measurement (6) with whole turns added to its angles so that they come next to the estimate's."""
     return vertcat(estimate[:3] + wrapped(measurement[:3] - estimate[:3]), measurement[3:])
-
-
-def rows(values: Vector, columns: int) -> Vector:
-    """The matrix that a parameter lists by rows."""
-    return values.reshape((columns, values.numel() // columns)).T
