@@ -87,10 +87,11 @@ def hil_command(
       rotordx hil rho_adaptive_abrupt -d fdie --bus socketcan:vcan0 --fifo
       rotordx hil hover --bus socketcan:can0 --escs real --i-know-propellers-are-off
     """
-    from rotordx.hil_bridge.bridge import BridgeSettings, fly_over_bus
+    from rotordx.hil_bridge.bridge import fly_over_bus
     from rotordx.hil_bridge.buses import BusAddress
     from rotordx.hil_bridge.emulator import EscSettings
     from rotordx.hil_bridge.protocol import Nodes
+    from rotordx.hil_bridge.settings import BridgeSettings
     from rotordx.hil_bridge.timing import sentences
     from rotordx.orchestrator import metrics, results, terminal
     from rotordx.orchestrator.errors import RunError

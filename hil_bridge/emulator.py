@@ -26,13 +26,20 @@ from rotordx.hil_bridge.messages import (
     StepRequest,
 )
 from rotordx.hil_bridge.motors import Motors, PowerTrain
-from rotordx.hil_bridge.protocol import NAME, ROTORS, Nodes, commanded_speed, to_counts, to_rpm
+from rotordx.hil_bridge.protocol import (
+    EXTENDED_DIVIDER,
+    NAME,
+    NODE_STATUS_PERIOD,
+    ROTORS,
+    Nodes,
+    commanded_speed,
+    to_counts,
+    to_rpm,
+)
 from rotordx.hil_bridge.transfer import TRANSFER_IDS
 from rotordx.orchestrator.errors import UserError
 from rotordx.orchestrator.scenario import Scenario
 
-NODE_STATUS_PERIOD = 1.0  #: s, the longest that DroneCAN allows
-EXTENDED_DIVIDER = 10  #: StatusExtended comes with every n-th Status
 LOCKSTEP_TIMEOUT = 10.0  #: s without a request after which lock step is over and the motors stop
 LARGEST_DELAY = 0.5  #: s that steps made up for; what the machine stood still for longer is not caught up with
 OFFLINE = 7  #: mode of NodeStatus

@@ -23,10 +23,19 @@ from rotordx.hil_bridge.messages import (
     StepDone,
     StepRequest,
 )
-from rotordx.hil_bridge.protocol import ROTORS, Array, Nodes, from_counts, from_rpm, to_counts, to_rpm
+from rotordx.hil_bridge.protocol import (
+    ARMING_PERIOD,
+    NODE_STATUS_PERIOD,
+    ROTORS,
+    Array,
+    Nodes,
+    from_counts,
+    from_rpm,
+    to_counts,
+    to_rpm,
+)
 from rotordx.hil_bridge.transfer import TRANSFER_IDS
 
-ARMING_PERIOD, NODE_STATUS_PERIOD = 0.2, 1.0  #: s
 COMMAND_IDS = 16  #: what RotorSpeeds tells of a command's transfer id
 LAST_WORDS = 3  #: times that the motors are told to stop
 

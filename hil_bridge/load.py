@@ -15,6 +15,7 @@ from rotordx.hil_bridge.messages import (
     Status,
     StatusExtended,
 )
+from rotordx.hil_bridge.protocol import ARMING_PERIOD, EXTENDED_DIVIDER, NODE_STATUS_PERIOD
 from rotordx.hil_bridge.transfer import to_frames
 from rotordx.orchestrator.errors import UserError
 
@@ -85,11 +86,11 @@ def plan(step_size: float, status_rate: float, escs: int, *, command: str, emula
     rates = {
         "RawCommand" if command == RAW else "RPMCommand": per_second,
         "RotorSpeeds": per_second if emulated else 0.0,
-        "SpeedsRequest": 5.0 if emulated else 0.0,
+        "SpeedsRequest": 1 / ARMING_PERIOD if emulated else 0.0,
         "Status": escs * status_rate,
-        "StatusExtended": escs * status_rate / 10,
-        "NodeStatus": escs + 1.0,
-        "ArmingStatus": 5.0,
+        "StatusExtended": escs * status_rate / EXTENDED_DIVIDER,
+        "NodeStatus": (escs + 1) / NODE_STATUS_PERIOD,
+        "ArmingStatus": 1 / ARMING_PERIOD,
     }
     return Plan({name: rate for name, rate in rates.items() if rate}, bit_rate)
 

@@ -15,6 +15,9 @@ from rotordx.orchestrator.errors import UserError
 
 ROTORS = 4
 NAME = "org.rotordx"
+NODE_STATUS_PERIOD = 1.0  #: s, of each node; the longest that DroneCAN allows
+ARMING_PERIOD = 0.2  #: s, in which the bridge says whether ESCs are armed, and asks emulated ones for speeds
+EXTENDED_DIVIDER = 10  #: StatusExtended comes with every n-th Status
 _PER_MINUTE = 60 / (2 * math.pi)  #: 1/min in a rad/s
 
 Array = NDArray[np.float64]

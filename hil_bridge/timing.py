@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rotordx.hil_bridge.load import measured_load
+from rotordx.hil_bridge.settings import OWN, REAL, RUNNING, BridgeSettings
+from rotordx.hil_bridge.ticker import Ticker
 from rotordx.orchestrator.recording import Recording
 from rotordx.orchestrator.scenario import Scenario
 
-if TYPE_CHECKING:
-    from rotordx.hil_bridge.bridge import BridgeSettings, Ticker
-
 MODES = {
-    "own": "emulated, rotor speeds return every tick",
-    "running": "emulated by another program, rotor speeds return every tick",
-    "real": "real, rotor speeds of Status are held between updates",
+    OWN: "emulated, rotor speeds return every tick",
+    RUNNING: "emulated by another program, rotor speeds return every tick",
+    REAL: "real, rotor speeds of Status are held between updates",
 }
 
 

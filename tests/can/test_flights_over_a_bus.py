@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from rotordx.hil_bridge.bridge import BridgeSettings, fly_over_bus
+from rotordx.hil_bridge.bridge import fly_over_bus
 from rotordx.hil_bridge.buses import BusAddress
+from rotordx.hil_bridge.settings import BridgeSettings
 from rotordx.hil_bridge.timing import sentences
 from rotordx.orchestrator import metrics, results
 from rotordx.orchestrator.cli import main

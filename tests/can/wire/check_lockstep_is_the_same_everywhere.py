@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rotordx.hil_bridge.bridge import BridgeSettings, fly_over_bus
+from rotordx.hil_bridge.bridge import fly_over_bus
 from rotordx.hil_bridge.buses import BusAddress
+from rotordx.hil_bridge.settings import BridgeSettings
 from rotordx.orchestrator import metrics
 from rotordx.orchestrator.flight import fly
 from rotordx.orchestrator.scenario import load_scenario
