@@ -21,7 +21,7 @@ from rotordx.gains import fault_models, margins
 from rotordx.gains.certificate import CertifiedDesign, new_design
 from rotordx.gains.error_model import ErrorModel, ObserverGain
 from rotordx.gains.fault_models import FaultObserverOptions
-from rotordx.gains.observer_theory import OBSERVER, prove
+from rotordx.gains.observer_theory import OBSERVER, decay_rate_option, prove
 from rotordx.gains.options import POSITIVE, option
 from rotordx.gains.rounding import rounded, rounded_rows
 from rotordx.gains.thau import thau_gain
@@ -48,9 +48,7 @@ class Options(FaultObserverOptions):
         minimum=POSITIVE,
     )
     leak: float = option(1.0, "1/(N.m)", "leak of the fault estimate, kappa: makes (20) robust and biases it a little")
-    decay_rate: float = option(
-        2.0, "1/s", "alpha that is proved: errors decay at least as exp(-alpha t)", minimum=POSITIVE
-    )
+    decay_rate: float = decay_rate_option()
 
 
 def design(vehicle: Vehicle, options: Options) -> CertifiedDesign:
@@ -62,7 +60,7 @@ def design(vehicle: Vehicle, options: Options) -> CertifiedDesign:
     parameters = thau_parameters(vehicle, options)
     subject = subjects(vehicle, options, parameters)["torques"]
     proof = prove(subject, options.decay_rate, options, "rk4, a shorter step, or a lower speed")
-    parameters |= margins.margin("adaptive_thau", vehicle, parameters, "acceleration_fault", options)
+    parameters |= decision_parameters(vehicle, options, parameters)
     return new_design("adaptive_thau", vehicle, options, parameters, [Certificate.of("torques", subject, proof)])
 
 
@@ -87,10 +85,15 @@ def thau_parameters(vehicle: Vehicle, options: Options) -> dict[str, Any]:
         learning_rate = np.array(options.learning_rate)
     return {
         "observer_gain": rounded_rows(thau_gain(A, C, options.epsilon)).flatten(),
-        "fault_gain": rounded_rows(np.hstack((np.zeros((3, 3)), np.diag(options.lyapunov_scale / inertia)))).flatten(),
+        "fault_gain": fault_models.matched_gain(vehicle, options.lyapunov_scale).flatten(),
         "learning_rate": learning_rate,
         "leak": options.leak,
     }
+
+
+def decision_parameters(vehicle: Vehicle, options: Options, parameters: dict[str, Any]) -> dict[str, Any]:
+    """Margin and settling time of the estimate that the verdict rests on."""
+    return margins.margin("adaptive_thau", vehicle, parameters, "acceleration_fault", options)
 
 
 def subjects(vehicle: Vehicle, options: Options, parameters: dict[str, Any]) -> dict[str, Subject]:
@@ -109,6 +112,4 @@ def leaking(model: ErrorModel, parameters: dict[str, Any]) -> ErrorModel:
 def augmented_gain(vehicle: Vehicle, parameters: dict[str, Any]) -> Array:
     """[K; Gamma F2] (9, 6), its last rows in units of the largest torque that the loss of a rotor takes away."""
     K = np.array(parameters["observer_gain"], dtype=float).reshape(6, 6)
-    F2 = np.array(parameters["fault_gain"], dtype=float).reshape(3, 6)
-    torque = fault_models.torque_scale(vehicle) * np.asarray(vehicle.fill(VehicleParameters).inertia)
-    return np.vstack((K, (np.asarray(parameters["learning_rate"]) / rounded(torque))[:, None] * F2))
+    return np.vstack((K, fault_models.adaptation_gain(vehicle, parameters["learning_rate"], parameters["fault_gain"])))

@@ -10,7 +10,7 @@ from rotordx.gains.certificate import CertifiedDesign, new_design
 from rotordx.gains.kalman import Options
 from rotordx.gains.theory import Certificate, Subject
 
-__all__ = ["Options", "design", "subjects"]
+__all__ = ["Options", "decision_parameters", "design", "subjects"]
 
 
 def design(vehicle: Vehicle, options: Options) -> CertifiedDesign:
@@ -21,9 +21,14 @@ def design(vehicle: Vehicle, options: Options) -> CertifiedDesign:
     """
     gain, proof = kalman.steady_filter(kalman.filter_model(vehicle, options, losses=True), options.step_size)
     parameters = kalman.noise_parameters(vehicle, options) | {"kalman_gain": gain.flatten()}
-    parameters |= kalman.decision_parameters("askf", vehicle, options, parameters)
+    parameters |= decision_parameters(vehicle, options, parameters)
     about = subjects(vehicle, options, parameters)["augmented"]
     return new_design("askf", vehicle, options, parameters, [Certificate.of("augmented", about, proof)])
+
+
+def decision_parameters(vehicle: Vehicle, options: Options, parameters: dict[str, Any]) -> dict[str, Any]:
+    """Margins and settling times."""
+    return kalman.decision_parameters("askf", vehicle, options, parameters)
 
 
 def subjects(vehicle: Vehicle, options: Options, parameters: dict[str, Any]) -> dict[str, Subject]:

@@ -64,8 +64,13 @@ def design(vehicle: Vehicle, options: Options) -> CertifiedDesign:
     }
     subject = subjects(vehicle, options, parameters)["torques"]
     proof = prove(subject, options.decay_rate, options, "rk4, a shorter step, or a thicker boundary layer")
-    parameters |= margins.margin("asmto", vehicle, parameters, "acceleration_fault", options)
+    parameters |= decision_parameters(vehicle, options, parameters)
     return new_design("asmto", vehicle, options, parameters, [Certificate.of("torques", subject, proof)])
+
+
+def decision_parameters(vehicle: Vehicle, options: Options, parameters: dict[str, Any]) -> dict[str, Any]:
+    """Margin and settling time of the estimate that the verdict rests on."""
+    return margins.margin("asmto", vehicle, parameters, "acceleration_fault", options)
 
 
 def subjects(vehicle: Vehicle, options: Options, parameters: dict[str, Any]) -> dict[str, Subject]:

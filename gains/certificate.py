@@ -1,4 +1,4 @@
-"""Design files: designed parameters of a diagnoser with the certificates that prove them, as JSON of fixed bytes."""
+"""Certified designs: parameters of a diagnoser with the certificates that prove them, as JSON of fixed bytes."""
 
 from __future__ import annotations
 
@@ -90,23 +90,6 @@ def signed(design: CertifiedDesign) -> dict[str, Any]:
 def text(design: CertifiedDesign) -> str:
     """Contents of the design file; the same design gives the same bytes."""
     return _format(signed(design), "") + "\n"
-
-
-def write(design: CertifiedDesign, folder: Path) -> Path:
-    """Write `<folder>/<vehicle>/<diagnoser>.json`, whole or not at all.
-
-    Raises:
-        DesignError: if it cannot be written.
-    """
-    path = folder / design.vehicle / f"{design.diagnoser}.json"
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        partial = path.with_suffix(".partial")
-        partial.write_text(text(design), encoding="utf-8")
-        partial.replace(path)
-    except OSError as error:
-        raise DesignError(f"{path} cannot be written ({error.strerror}); choose another folder with --out") from error
-    return path
 
 
 def read(path: Path) -> dict[str, Any]:

@@ -27,7 +27,7 @@ class _Mistake(click.ClickException):
 
 
 def _plainly(command: Callable[..., None]) -> Callable[..., None]:
-    """Turn what a design or a vehicle file refuses, and a proof that fails, into a sentence."""
+    """Turn what a design or a vehicle file refuses, a proof that fails, or a folder, into a sentence."""
 
     @wraps(command)
     def wrapped(**arguments: Any) -> None:
@@ -41,6 +41,9 @@ def _plainly(command: Callable[..., None]) -> Callable[..., None]:
             raise _Mistake(str(error)) from error
         except NotProved as error:
             raise click.ClickException(str(error)) from error
+        except OSError as error:
+            text = f"{error.filename} cannot be written ({error.strerror}); choose another folder with --out"
+            raise _Mistake(text) from error
 
     return wrapped
 
@@ -80,7 +83,7 @@ def design_command(
 @click.argument("certificates", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="CERTIFICATE...")
 @_plainly
 def verify_command(certificates: tuple[Path, ...]) -> None:
-    """Rebuild every inequality of each CERTIFICATE (a design file) from its gains and prove it again.
+    """Rebuild every inequality and margin of each CERTIFICATE (a design file) from its gains and prove it again.
 
     \b
     Examples:

@@ -1,4 +1,4 @@
-"""Identified designs: parameters of a diagnoser for a vehicle, and the flights that they were identified from."""
+"""Design files of either kind, and designs that are identified: parameters, and the flights that they come from."""
 
 from __future__ import annotations
 
@@ -27,15 +27,33 @@ class Design:
 
 
 def write_design(design: Design, folder: Path) -> Path:
-    """Write `<folder>/<vehicle>/<diagnoser>.json`; the same design gives the same bytes.
+    """Write the file of an identified design; the same design gives the same bytes.
 
     Raises:
-        OSError: the folder or the file cannot be written.
+        OSError: it cannot be written.
     """
-    path = folder / design.vehicle / f"{design.diagnoser}.json"
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(json.dumps(dataclasses.asdict(design), indent=1, allow_nan=False) + "\n", encoding="utf-8")
-    return path
+    text = json.dumps(dataclasses.asdict(design), indent=1, allow_nan=False) + "\n"
+    return write_whole(design_file(folder, design.vehicle, design.diagnoser), text)
+
+
+def design_file(folder: Path, vehicle: str, diagnoser: str) -> Path:
+    """Where a folder of designs has that of a diagnoser for a vehicle: `<folder>/<vehicle>/<diagnoser>.json`."""
+    return folder / vehicle / f"{diagnoser}.json"
+
+
+def write_whole(path: Path, text: str) -> Path:
+    """Write a file, whole or not at all, and the folders that it lies in.
+
+    Raises:
+        OSError: it cannot be written; `filename` is the path.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        partial = path.with_suffix(".partial")
+        partial.write_text(text, encoding="utf-8")
+        return partial.replace(path)
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, str(path)) from error
 
 
 def vehicle_parameters(vehicle: Vehicle) -> dict[str, float | list[float]]:

@@ -20,9 +20,9 @@ from rotordx.gains.certificate import CertifiedDesign, new_design
 from rotordx.gains.error_model import ObserverGain
 from rotordx.gains.fault_models import FaultObserverOptions
 from rotordx.gains.margins import margin
-from rotordx.gains.observer_theory import OBSERVER, prove
+from rotordx.gains.observer_theory import OBSERVER, decay_rate_option, prove
 from rotordx.gains.options import POSITIVE, option
-from rotordx.gains.rounding import rounded, rounded_rows
+from rotordx.gains.rounding import rounded
 from rotordx.gains.theory import Certificate, Subject
 
 
@@ -36,9 +36,7 @@ class Options(FaultObserverOptions):
     lyapunov_scale: float = option(
         101.8, "1", "p of P = p I, which scales F up and the learning rate down", minimum=POSITIVE
     )
-    decay_rate: float = option(
-        2.0, "1/s", "alpha that is proved: errors decay at least as exp(-alpha t)", minimum=POSITIVE
-    )
+    decay_rate: float = decay_rate_option()
 
 
 def design(vehicle: Vehicle, options: Options) -> CertifiedDesign:
@@ -56,14 +54,19 @@ def design(vehicle: Vehicle, options: Options) -> CertifiedDesign:
     bandwidth = np.minimum(bandwidth, options.observer_bandwidth)
     parameters = {
         "observer_gain": (options.observer_bandwidth * np.eye(6)).flatten(),
-        "fault_gain": rounded_rows(np.hstack((np.zeros((3, 3)), np.diag(options.lyapunov_scale / inertia)))).flatten(),
+        "fault_gain": fault_models.matched_gain(vehicle, options.lyapunov_scale).flatten(),
         "learning_rate": np.array([rounded(v, 6) for v in bandwidth * inertia**2 / options.lyapunov_scale]),
         "integral_rate": options.observer_bandwidth,
     }
     subject = subjects(vehicle, options, parameters)["torques"]
     proof = prove(subject, options.decay_rate, options, "rk4, a shorter step, or a lower speed")
-    parameters |= margin("fast_adaptive", vehicle, parameters, "acceleration_fault", options)
+    parameters |= decision_parameters(vehicle, options, parameters)
     return new_design("fast_adaptive", vehicle, options, parameters, [Certificate.of("torques", subject, proof)])
+
+
+def decision_parameters(vehicle: Vehicle, options: Options, parameters: dict[str, Any]) -> dict[str, Any]:
+    """Margin and settling time of the estimate that the verdict rests on."""
+    return margin("fast_adaptive", vehicle, parameters, "acceleration_fault", options)
 
 
 def subjects(vehicle: Vehicle, options: Options, parameters: dict[str, Any]) -> dict[str, Subject]:
@@ -73,9 +76,7 @@ def subjects(vehicle: Vehicle, options: Options, parameters: dict[str, Any]) -> 
     """
     model = fault_models.torque_faults(vehicle, options)
     L = np.array(parameters["observer_gain"], dtype=float).reshape(6, 6)
-    F = np.array(parameters["fault_gain"], dtype=float).reshape(3, 6)
-    torque = fault_models.torque_scale(vehicle) * np.asarray(vehicle.fill(VehicleParameters).inertia)
-    direct = (np.asarray(parameters["learning_rate"]) / rounded(torque))[:, None] * F
+    direct = fault_models.adaptation_gain(vehicle, parameters["learning_rate"], parameters["fault_gain"])
     injection = np.vstack((L + model.A[0][:6, 6:] @ direct, parameters["integral_rate"] * direct))
     gain = ObserverGain((rounded(injection),), np.vstack((np.zeros((6, 6)), rounded(direct))))
     return {"torques": Subject(OBSERVER, model, gain)}

@@ -10,17 +10,18 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rotordx.fmus.vehicles import Vehicle
-from rotordx.fmus.vehicles.parameters import SensorParameters
+from rotordx.fmus.vehicles.parameters import SensorParameters, VehicleParameters
 from rotordx.gains.discretisation import INTEGRATORS
 from rotordx.gains.error_model import ErrorModel
 from rotordx.gains.flight_model import Envelope, attitude_lipschitz, flight_model, rate_lipschitz
 from rotordx.gains.options import POSITIVE, option
-from rotordx.gains.rounding import rounded
+from rotordx.gains.rounding import rounded, rounded_rows
 
 Array = NDArray[np.float64]
 
@@ -133,6 +134,18 @@ def _height_noise(vehicle: Vehicle, options: ObserverOptions) -> float:
 def torque_scale(vehicle: Vehicle) -> Array:
     """Largest angular acceleration (3), rad/s2, that the total loss of one rotor in hover causes about each axis."""
     return np.abs(flight_model(vehicle).signatures[1:]).max(axis=1)
+
+
+def matched_gain(vehicle: Vehicle, lyapunov_scale: float) -> Array:
+    """B^T P (3, 6) of P = lyapunov_scale I, 1/(kg.m2): from errors of attitude and rates to the torques behind them."""
+    inertia = np.asarray(vehicle.fill(VehicleParameters).inertia)
+    return rounded_rows(np.hstack((np.zeros((3, 3)), np.diag(lyapunov_scale / inertia))))
+
+
+def adaptation_gain(vehicle: Vehicle, learning_rate: Any, fault_gain: Any) -> Array:
+    """Gamma F (3, 6) of Gamma (3) and F (by rows), in units of the largest torque that a rotor's loss takes."""
+    torque = torque_scale(vehicle) * np.asarray(vehicle.fill(VehicleParameters).inertia)
+    return (np.asarray(learning_rate) / rounded(torque))[:, None] * np.array(fault_gain, dtype=float).reshape(3, 6)
 
 
 def torque_faults(vehicle: Vehicle, options: FaultObserverOptions) -> ErrorModel:

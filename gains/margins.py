@@ -103,9 +103,10 @@ def responses(diagnoser: str, vehicle: Vehicle, design: dict[str, Any], estimate
     step, start = diagnoser_function(diagnoser), start_function(diagnoser)()
     hover = np.zeros(size(Inputs))
     hover[:4] = flight_model(vehicle).hover_speed
-    state = start["x"].full().ravel()
-    for k in range(round(CONVERGENCE_TIME / step_size)):
-        state = step(state, hover, k * step_size, numbers)[0].full().ravel()
+    before, time = ca.MX.sym("before", step.sparsity_in(0)), ca.MX.sym("time")
+    advance = ca.Function("advance", [before, time], [step(before, hover, time, numbers)[0]])
+    times = step_size * np.arange(round(CONVERGENCE_TIME / step_size))
+    state = advance.fold(len(times))(start["x"], times[None]).full().ravel()
 
     x, u = ca.SX.sym("x", len(state)), ca.SX.sym("u", size(Inputs))
     x_next, y = step(x, u, CONVERGENCE_TIME, numbers)

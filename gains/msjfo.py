@@ -16,7 +16,7 @@ from rotordx.gains.kalman import Options
 from rotordx.gains.rounding import rounded
 from rotordx.gains.theory import Certificate, Subject
 
-__all__ = ["Options", "design", "subjects"]
+__all__ = ["Options", "decision_parameters", "design", "subjects"]
 
 
 def design(vehicle: Vehicle, options: Options) -> CertifiedDesign:
@@ -33,13 +33,18 @@ def design(vehicle: Vehicle, options: Options) -> CertifiedDesign:
         "bias_free_gain": gain.flatten(),
         "bias_free_innovation_variance": rounded(innovation, 6),
     }
-    parameters |= kalman.decision_parameters("msjfo", vehicle, options, parameters)
+    parameters |= decision_parameters(vehicle, options, parameters)
     about = subjects(vehicle, options, parameters)
     certificates = [
         Certificate.of("joint", about["joint"], joint),
         Certificate.of("bias_free", about["bias_free"], bias_free),
     ]
     return new_design("msjfo", vehicle, options, parameters, certificates)
+
+
+def decision_parameters(vehicle: Vehicle, options: Options, parameters: dict[str, Any]) -> dict[str, Any]:
+    """Margins and settling times."""
+    return kalman.decision_parameters("msjfo", vehicle, options, parameters)
 
 
 def subjects(vehicle: Vehicle, options: Options, parameters: dict[str, Any]) -> dict[str, Subject]:

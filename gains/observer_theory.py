@@ -10,6 +10,7 @@ from rotordx.gains import analysis, inequalities
 from rotordx.gains.discretisation import require_stable, spectral_radius, step_matrix
 from rotordx.gains.error_model import ErrorModel, ObserverGain
 from rotordx.gains.fault_models import ObserverOptions
+from rotordx.gains.options import POSITIVE, option
 from rotordx.gains.synthesis import Proof, Requirements, best_proof
 from rotordx.gains.theory import Subject, Theory
 
@@ -96,6 +97,11 @@ OBSERVER = Theory(
     formulas=(inequalities.bounded_real, inequalities.disk, inequalities.contraction),
     limits=limits,
 )
+
+
+def decay_rate_option() -> Any:
+    """The option `decay_rate` of designs with gains in closed form."""
+    return option(2.0, "1/s", "alpha that is proved: errors decay at least as exp(-alpha t)", minimum=POSITIVE)
 
 
 def prove(subject: Subject, decay_rate: float, options: ObserverOptions, remedy: str) -> Proof:

@@ -15,6 +15,7 @@ from time import perf_counter
 from rotordx.fmus.vehicles import load_vehicle, vehicle_names
 from rotordx.gains.certificate import CertifiedDesign, signed
 from rotordx.gains.commands import designable
+from rotordx.gains.design import design_file
 from rotordx.gains.options import with_settings
 from rotordx.gains.verify import differences, write_proved
 
@@ -65,7 +66,7 @@ def main() -> None:
         start = perf_counter()
         for diagnoser in designable():
             design = make(vehicle, diagnoser)
-            if not same(design, folder / vehicle / f"{diagnoser}.json"):
+            if not same(design, design_file(folder, vehicle, diagnoser)):
                 print(write_proved(design, folder))
         print(f"{vehicle}: {len(designable())} diagnosers in {perf_counter() - start:.1f} s")
 

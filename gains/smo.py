@@ -23,7 +23,7 @@ from rotordx.gains.certificate import CertifiedDesign, new_design
 from rotordx.gains.error_model import ErrorModel, ObserverGain
 from rotordx.gains.fault_models import ObserverOptions
 from rotordx.gains.flight_model import flight_model
-from rotordx.gains.observer_theory import OBSERVER, proof_inequalities, prove
+from rotordx.gains.observer_theory import OBSERVER, decay_rate_option, proof_inequalities, prove
 from rotordx.gains.options import POSITIVE, DesignError, option
 from rotordx.gains.rounding import rounded
 from rotordx.gains.synthesis import Proof
@@ -46,9 +46,7 @@ class Options(ObserverOptions):
     reserve: float = option(1.2, "1", "M over the largest acceleration that it has to cancel", minimum=1.01)
     linear_gain: float = option(20.0, "1/s", "k, the slope of the injection far outside the layer")
     layer_gain: float = option(40.0, "1/s", "slope of the injection within the boundary layer", minimum=POSITIVE)
-    decay_rate: float = option(
-        2.0, "1/s", "alpha that is proved: errors decay at least as exp(-alpha t)", minimum=POSITIVE
-    )
+    decay_rate: float = decay_rate_option()
 
 
 @dataclass(frozen=True)
@@ -83,13 +81,18 @@ def design(vehicle: Vehicle, options: Options) -> CertifiedDesign:
     }
     subject = subjects(vehicle, options, parameters)["channels"]
     proof = prove(subject, options.decay_rate, options, "a shorter step, a lower speed or a smaller layer_gain")
-    parameters |= margins.margin("smo", vehicle, parameters, "acceleration_estimate", options)
+    parameters |= decision_parameters(vehicle, options, parameters)
     return new_design("smo", vehicle, options, parameters, [Certificate.of("channels", subject, proof)])
 
 
 def to_cancel(vehicle: Vehicle, options: Options) -> Array:
     """Accelerations (4) of v_z, p, q, r by the largest loss of one rotor in hover and by what is unknown."""
     return options.loe_max * np.abs(flight_model(vehicle).signatures).max(axis=1) + np.array(options.uncertainty)
+
+
+def decision_parameters(vehicle: Vehicle, options: Options, parameters: dict[str, Any]) -> dict[str, Any]:
+    """Margin and settling time of the estimate that the verdict rests on."""
+    return margins.margin("smo", vehicle, parameters, "acceleration_estimate", options)
 
 
 def subjects(vehicle: Vehicle, options: Options, parameters: dict[str, Any]) -> dict[str, Subject]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import importlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotordx.fmus.vehicles import Vehicle, VehicleError, load_vehicle, vehicle_names
-from rotordx.gains.certificate import CertifiedDesign, plain, read, signed, unplain, write
-from rotordx.gains.design import plain_hash, vehicle_hash, vehicle_parameters
+from rotordx.gains.certificate import CertifiedDesign, plain, read, signed, text, unplain
+from rotordx.gains.design import design_file, plain_hash, vehicle_hash, vehicle_parameters, write_whole
 from rotordx.gains.exact import exactly, is_positive_definite
 from rotordx.gains.flight_model import model_terms_hash
 from rotordx.gains.options import DesignError, from_plain
@@ -22,6 +22,9 @@ from rotordx.gains.theory import Subject
 
 #: Relative agreement of stored figures (six digits) with figures computed anew.
 FIGURE_TOLERANCE = 5e-6
+
+#: Relative agreement of stored margins and settling times (four digits, three) with those of the gains.
+MARGIN_TOLERANCE = 1e-3
 
 #: Agreement of stored models (twelve digits) with models made anew, relative to the largest element of each matrix.
 MODEL_TOLERANCE = 1e-9
@@ -45,13 +48,13 @@ def write_proved(design: CertifiedDesign, folder: Path) -> Path:
 
     Raises:
         NotProved: if it does not.
-        DesignError: if the file cannot be written.
+        OSError: if the file cannot be written.
     """
-    path = folder / design.vehicle / f"{design.diagnoser}.json"
+    path = design_file(folder, design.vehicle, design.diagnoser)
     for check in checks(signed(design), path):
         if not check.passed:
             raise NotProved(f"{path} is not written, its certificate fails: {check.what}: {check.detail}")
-    return write(design, folder)
+    return write_whole(path, text(design))
 
 
 def verify(path: Path) -> list[Check]:
@@ -86,12 +89,14 @@ def checks(document: dict[str, Any], path: Path) -> Iterator[Check]:
         module = importlib.import_module(f"rotordx.gains.{document['diagnoser']}")
         options = from_plain(module.Options, document["options"])
         parameters = {k: tuple(v) if isinstance(v, list) else v for k, v in document["vehicle_parameters"].items()}
-        subjects = module.subjects(Vehicle(document["vehicle"], "", parameters), options, document["parameters"])
+        vehicle = Vehicle(document["vehicle"], "", parameters)
+        subjects = module.subjects(vehicle, options, document["parameters"])
         claims = {claim["name"]: claim for claim in document["certificates"]}
         yield _check("names", set(claims) == set(subjects), f"expected certificates for {', '.join(subjects)}")
         for name in [name for name in subjects if name in claims]:
             for check in _certificate_checks(claims[name], subjects[name]):
                 yield dataclasses.replace(check, what=f"{name}: {check.what}")
+        yield _margin_check(module.decision_parameters, vehicle, options, document["parameters"])
     except DesignError:
         raise
     except (AttributeError, ImportError, IndexError, KeyError, TypeError, ValueError) as error:
@@ -148,6 +153,20 @@ def _certificate_checks(claim: dict[str, Any], subject: Subject) -> Iterator[Che
     yield _check("figures", not different, f"{', '.join(different)} do not follow from the gains")
     for name, (value, limit) in theory.limits(proof, figures).items():
         yield _check(name, value <= limit, f"{value:.6g} exceeds {limit:.6g}", f"{value:.6g} <= {limit:.6g}")
+
+
+def _margin_check(
+    decision_parameters: Callable[[Vehicle, Any, dict[str, Any]], dict[str, Any]],
+    vehicle: Vehicle,
+    options: Any,
+    parameters: dict[str, Any],
+) -> Check:
+    """Are the margins those of a healthy vehicle with these gains? An unstable observer, refused already, has none."""
+    with np.errstate(all="ignore"):
+        found = plain(decision_parameters(vehicle, options, parameters))
+    stored = {name: parameters.get(name) for name in found}
+    different = ", ".join(sorted(differences(stored, found, MARGIN_TOLERANCE)))
+    return _check("margins", not different, f"{different} not what follows from the gains", ", ".join(found))
 
 
 def _smallest_eigenvalue(matrix: NDArray[np.float64]) -> float:

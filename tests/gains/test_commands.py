@@ -13,6 +13,8 @@ from click.testing import CliRunner
 from rotordx.fmus.vehicles import load_design, load_vehicle
 from rotordx.gains import synthesis
 from rotordx.gains.commands import design_command, verify_command
+from rotordx.gains.design import Design
+from rotordx.orchestrator import healthy_flights
 
 
 @pytest.fixture
@@ -121,6 +123,16 @@ def test_a_mistake_is_one_sentence_and_exit_code_2(run, tmp_path, arguments, sen
     assert result.output.startswith("Error: ")
     assert len(result.output.splitlines()) == 1
     assert not (tmp_path / "designs").exists()
+
+
+@pytest.mark.parametrize("diagnoser", ["adaptive_thau", "fdie"])
+def test_a_folder_that_cannot_be_written_is_named_with_the_remedy(run, tmp_path, monkeypatch, diagnoser):
+    monkeypatch.setattr(healthy_flights, "identify_in_simulation", lambda vehicle: Design("fdie", vehicle, {}, {}))
+    (tmp_path / "taken").write_text("a file")
+    result = run(design_command, diagnoser, "--out", "taken")
+    assert result.exit_code == 2
+    path = f"taken/lab_x/{diagnoser}.json"
+    assert result.output == f"Error: {path} cannot be written (Not a directory); choose another folder with --out\n"
 
 
 def test_what_is_no_design_file_is_exit_code_2(run):

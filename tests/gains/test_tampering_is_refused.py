@@ -140,6 +140,29 @@ def test_a_sliding_term_that_is_too_weak_is_refused(packaged, tmp_path):
     assert "channels: sliding term exceeds what it cancels" in refused(write(document, tmp_path, sign=True))
 
 
+@pytest.mark.parametrize(
+    ("diagnoser", "parameter", "change"),
+    [
+        *((name, "margin", 0.99) for name in ("thau", "adaptive_thau", "fast_adaptive", "smo", "rho_adaptive", "askf")),
+        *((name, "settling_time", 0.9) for name in ("asmto", "msjfo")),
+        *(("hinf", name, 0.99) for name in ("margin", "torque_margin", "torque_settling_time", "rotor_loss_margin")),
+        ("thau", "fast_margin", 1.1),
+    ],
+)
+def test_a_margin_is_that_of_the_gains(packaged, tmp_path, diagnoser, parameter, change):
+    document = packaged("lab_x", diagnoser)
+    values = document["parameters"][parameter]
+    values[values.index(max(values))] *= change
+    found = refused(write(document, tmp_path, sign=True))
+    assert found == {"margins": f"{parameter} not what follows from the gains"}
+
+
+def test_a_margin_that_is_left_out_is_refused(packaged, tmp_path):
+    document = packaged("lab_x", "asmto")
+    del document["parameters"]["settling_time"]
+    assert refused(write(document, tmp_path, sign=True)) == {"margins": "settling_time not what follows from the gains"}
+
+
 def test_a_missing_certificate_is_refused(packaged, tmp_path):
     document = packaged("lab_x", "hinf")
     document["certificates"].pop()
