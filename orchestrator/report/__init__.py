@@ -48,9 +48,15 @@ def html(recording: Recording, summary: dict[str, Any]) -> str:
 
 
 def page_of(template: str, parts: dict[str, str]) -> str:
-    """A template with its `{{parts}}` in place, and with `style` and `plotly`, which all pages share."""
-    common = {"style": (files(__package__) / "page.css").read_text(encoding="utf-8"), "plotly": _plotly()}
-    return re.sub(r"\{\{(\w+)\}\}", lambda match: (common | parts)[match[1]], template)
+    """A template with its `{{parts}}` in place, and with `head`, `style` and `plotly`, which all pages share."""
+    folder = files(__package__)
+    parts = parts | {"style": (folder / "page.css").read_text(encoding="utf-8"), "plotly": _plotly()}
+    head = _filled((folder / "head.html").read_text(encoding="utf-8").rstrip(), parts)
+    return _filled(template, parts | {"head": head})
+
+
+def _filled(template: str, parts: dict[str, str]) -> str:
+    return re.sub(r"\{\{(\w+)\}\}", lambda match: parts[match[1]], template)
 
 
 def _sections(recording: Recording, summary: dict[str, Any], columns: Columns) -> list[tuple[str, list[Figure]]]:

@@ -1,6 +1,7 @@
 """Papers' experiments flown again: what each paper claims beside what comes out here.
 
-A module of this package is a paper: it defines `CITATION` and `reproduce(seeds, progress)`, and is found by its name.
+A folder of this package is a paper: it defines `CITATION` and `reproduce(seeds, progress)`, and is found by its name.
+The modules beside the folders serve all papers.
 """
 
 from __future__ import annotations
@@ -58,7 +59,7 @@ class Reproduction:
 
 def papers() -> list[str]:
     """Names of the papers that can be reproduced."""
-    return sorted(module.name for module in pkgutil.iter_modules(__path__) if not module.name.startswith("_"))
+    return sorted(module.name for module in pkgutil.iter_modules(__path__) if module.ispkg)
 
 
 def reproduce(paper: str, seeds: int, progress: Progress = lambda _: None) -> Reproduction:

@@ -8,7 +8,7 @@ import pytest
 from click.testing import CliRunner
 
 from rotordx.orchestrator.cli import main
-from rotordx.orchestrator.reproduction import Claim, Reproduction, _page, curves, papers, reproduce
+from rotordx.orchestrator.reproduction import Claim, Reproduction, curves, page, papers, reproduce
 from tests.report.browser import CHROMIUM, browser, new_page
 
 HOSTILE = "a < b & </script><script>alert(1)</script>"
@@ -53,8 +53,8 @@ def test_the_page_draws_all_figures_and_asks_for_nothing(result):
 def test_texts_of_any_kind_do_not_break_the_page():
     claim = Claim(HOSTILE, HOSTILE, HOSTILE, False, HOSTILE)
     figure = curves(HOSTILE, HOSTILE, "x", "y", {HOSTILE: ([0, 1], [0, float("nan")])})
-    page = _page.html("paper", Reproduction(HOSTILE, HOSTILE, [claim], [figure]))
-    assert "</script><script>alert" not in page
+    text = page.html("paper", Reproduction(HOSTILE, HOSTILE, [claim], [figure]))
+    assert "</script><script>alert" not in text
 
 
 def test_a_paper_that_is_not_there_is_refused_with_those_that_are():

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rotordx.fmus.diagnosers.thau.observer import K_OF_THE_PAPER
+from rotordx.fmus.diagnosers.thau.gain import K_OF_THE_PAPER
 from rotordx.gains import adaptive_thau
 from rotordx.gains.discretisation import spectral_radius, step_matrix
 from rotordx.gains.thau import thau_gain
@@ -16,17 +16,15 @@ from rotordx.orchestrator.flight import fly
 from rotordx.orchestrator.metrics import summarise
 from rotordx.orchestrator.recording import Recording
 from rotordx.orchestrator.reproduction import Claim, Progress, Reproduction
-from rotordx.orchestrator.reproduction._motor_offsets import (
-    STEADY_AFTER,
-    Repetitions,
+from rotordx.orchestrator.reproduction.motor_offsets import (
     missing_thrust,
     offsets_if_alone,
     offsets_of_smallest_norm,
-    repeated,
     torque_faults,
 )
-from rotordx.orchestrator.reproduction._nguyen_hong_figures import figures
-from rotordx.orchestrator.reproduction._yaw_disturbance import torque_error
+from rotordx.orchestrator.reproduction.nguyen_hong.accuracy import STEADY_AFTER, Repetitions, repeated
+from rotordx.orchestrator.reproduction.nguyen_hong.figures import figures
+from rotordx.orchestrator.reproduction.nguyen_hong.yaw_disturbance import torque_error
 from rotordx.orchestrator.scenario import Scenario, load_scenario
 
 CITATION = (
@@ -35,9 +33,6 @@ CITATION = (
 )
 
 Array = NDArray[np.float64]
-
-DIAGNOSERS = ("thau", "adaptive_thau", "asmto")
-MOTORS = ("M1", "M2", "M3", "M4")
 
 #: As printed: table 1, the matrices of section 4.1, the learning rate.
 TABLE_1_INERTIA = np.array([0.0035, 0.0035, 0.005])  # kg.m2

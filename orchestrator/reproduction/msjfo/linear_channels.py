@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
-from rotordx.orchestrator.reproduction import _filter_costs as forms
+from rotordx.orchestrator.reproduction.msjfo import filter_costs as forms
 
 Array = NDArray[np.float64]
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from rotordx.orchestrator.flight import fly
 from rotordx.orchestrator.recording import Recording
-from rotordx.orchestrator.reproduction._motor_offsets import healthy_thrust, offsets_if_alone
+from rotordx.orchestrator.reproduction.motor_offsets import healthy_thrust, offsets_if_alone
 from rotordx.orchestrator.scenario import Scenario
 from rotordx.orchestrator.system import System
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from rotordx.orchestrator.recording import Recording
 from rotordx.orchestrator.reproduction import Figure, curves
-from rotordx.orchestrator.reproduction._motor_offsets import (
+from rotordx.orchestrator.reproduction.motor_offsets import (
     missing_thrust,
     offsets_if_alone,
     offsets_of_smallest_norm,

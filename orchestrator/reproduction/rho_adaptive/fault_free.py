@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rotordx.orchestrator.reproduction._attitude_system import (
+from rotordx.orchestrator.reproduction.rho_adaptive.attitude_system import (
     INITIAL_ERROR,
     NOISE,
     UNCERTAINTY,

@@ -11,9 +11,14 @@ from numpy.typing import NDArray
 from rotordx.orchestrator.metrics import summarise
 from rotordx.orchestrator.recording import Recording
 from rotordx.orchestrator.reproduction import Claim, Figure, Progress, Reproduction, curves, flights
-from rotordx.orchestrator.reproduction._attitude_experiments import CONDITIONS, Outcome, experiments, outcomes
-from rotordx.orchestrator.reproduction._attitude_system import SLIDING_RATE, attitude_gain
-from rotordx.orchestrator.reproduction._fault_free import fault_free_runs
+from rotordx.orchestrator.reproduction.rho_adaptive.attitude_experiments import (
+    CONDITIONS,
+    Outcome,
+    experiments,
+    outcomes,
+)
+from rotordx.orchestrator.reproduction.rho_adaptive.attitude_system import SLIDING_RATE, attitude_gain
+from rotordx.orchestrator.reproduction.rho_adaptive.fault_free import fault_free_runs
 from rotordx.orchestrator.scenario import load_scenario
 
 Array = NDArray[np.float64]

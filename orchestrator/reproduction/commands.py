@@ -47,13 +47,13 @@ def _write(paper: str, result: Reproduction, folder: Path) -> None:
     import json
 
     from rotordx.orchestrator.folders import whole_folder
-    from rotordx.orchestrator.reproduction import _page
+    from rotordx.orchestrator.reproduction import page
 
     claims = [dataclasses.asdict(claim) for claim in result.claims]
     facts = {"paper": paper, "citation": result.citation, "verdict": result.verdict, "claims": claims}
     with whole_folder(folder, (CLAIMS, PAGE)) as partial:
         (partial / CLAIMS).write_text(json.dumps(facts, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
-        (partial / PAGE).write_text(_page.html(paper, result), encoding="utf-8")
+        (partial / PAGE).write_text(page.html(paper, result), encoding="utf-8")
 
 
 def _show(paper: str, result: Reproduction, folder: Path) -> None:

@@ -18,8 +18,8 @@ from rotordx.gains.flight_model import attitude_lipschitz, flight_model
 from rotordx.orchestrator.flight import fly
 from rotordx.orchestrator.recording import Recording
 from rotordx.orchestrator.reproduction import Claim, Progress, Reproduction
-from rotordx.orchestrator.reproduction._ren_figures import figures
-from rotordx.orchestrator.reproduction._rotor_losses import Accuracy, losses, repeated, state_errors
+from rotordx.orchestrator.reproduction.ren.figures import figures
+from rotordx.orchestrator.reproduction.ren.rotor_losses import Accuracy, losses, repeated, state_errors
 from rotordx.orchestrator.scenario import Scenario, load_scenario
 
 CITATION = "X.-L. Ren, Observer Design for Actuator Failure of a Quadrotor, IEEE Access 8, 18 August 2020"

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from rotordx.orchestrator.recording import Recording
 from rotordx.orchestrator.reproduction import Claim, Figure, Progress, Reproduction, curves, flights
-from rotordx.orchestrator.reproduction import _filter_costs as costs
-from rotordx.orchestrator.reproduction import _linear_channels as channels
-from rotordx.orchestrator.reproduction._linear_channels import CHANNELS, EXPERIMENTS, Experiment, Outcome
+from rotordx.orchestrator.reproduction.msjfo import filter_costs as costs
+from rotordx.orchestrator.reproduction.msjfo import linear_channels as channels
+from rotordx.orchestrator.reproduction.msjfo.linear_channels import CHANNELS, EXPERIMENTS, Experiment, Outcome
 from rotordx.orchestrator.scenario import load_scenario
 
 CITATION = "Fault Diagnosis for Quadcopter UAVs Based on Fault Occurrence Degree"

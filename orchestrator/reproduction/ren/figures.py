@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from rotordx.orchestrator.recording import Recording
 from rotordx.orchestrator.reproduction import Figure, curves
-from rotordx.orchestrator.reproduction._rotor_losses import losses, state_errors
+from rotordx.orchestrator.reproduction.ren.rotor_losses import losses, state_errors
 
 #: name in a legend -> diagnoser
 ESTIMATORS = {"vz4": "hinf", "tau3, rotor 1 alone": "hinf_tau3", "fast_adaptive, rotor 1 alone": "fast_adaptive"}

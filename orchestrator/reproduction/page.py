@@ -26,7 +26,7 @@ def html(paper: str, reproduction: Reproduction) -> str:
         "figures": "\n".join(_figure(index, figure) for index, figure in enumerate(reproduction.figures)),
         "data": json.dumps(figures, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c"),
     }
-    return page_of((files(__package__) / "_page.html").read_text(encoding="utf-8"), parts)
+    return page_of((files(__package__) / "page.html").read_text(encoding="utf-8"), parts)
 
 
 def _claim(claim: Claim) -> str:
