@@ -1,19 +1,15 @@
 """The figures of merit of `fdie` over simulated specimens of lab_x, each identified on its own healthy flights.
 
 `python -m tests.bars.fdie` (`make bars`) flies all of it on two processes and writes its figures to
-tests/bars/results; `Campaign` flies a part of it, which a test does.
+tests/bars/results; `fly_all` flies a part of it, which a test does.
 """
 
 from __future__ import annotations
 
-import json
-import multiprocessing
 import sys
 import time
 from collections.abc import Iterable, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -26,11 +22,19 @@ from rotordx.orchestrator.metrics import summarise
 from rotordx.orchestrator.recording import Recording
 from rotordx.orchestrator.scenario import Scenario, load_scenario
 from rotordx.orchestrator.system import System
+from tests.bars.campaign import (
+    ROTORS,
+    markdown_table,
+    milliseconds,
+    or_nan,
+    processes,
+    share,
+    share_and_milliseconds,
+    write_results,
+)
 
-RESULTS = Path(__file__).parent / "results"
 SPECIMENS = 10
 LOSSES = (0.05, 0.1, 0.2, 0.3, 0.4)
-ROTORS = (1, 2, 3, 4)
 ONSET_S = 24.0
 CIRCLES_PER_SPECIMEN = 30
 SINES_PER_SPECIMEN = 4  # at 2 and 3 rad/s in turn
@@ -90,8 +94,8 @@ class Specimen:
         else:
             recording = self.fly("vertical_sine", seed=seed, parameters={"angular_rate": float(motion)})
         figures = summarise(recording)["diagnosers"]["fdie"]
-        peak = figures["peak_residual_ratio_before_fault"]
-        return Healthy(self.number, motion, seed, figures["false_alarm"], np.nan if peak is None else peak)
+        peak = or_nan(figures["peak_residual_ratio_before_fault"])
+        return Healthy(self.number, motion, seed, figures["false_alarm"], peak)
 
     def faulty(self, rotor: int, loss: float, seed: int) -> Faulty:
         """Fly the circle and lose effectiveness in one rotor."""
@@ -105,13 +109,13 @@ class Specimen:
             rotor,
             loss,
             figures["false_alarm"],
-            _number(figures["detection_delay_s"]),
-            _number(figures["isolation_delay_s"]),
+            or_nan(figures["detection_delay_s"]),
+            or_nan(figures["isolation_delay_s"]),
             figures["faulty_rotor"],
             signals["fdie.paper_isolation_time"][-1] - ONSET_S,
             round(signals["fdie.paper_rotor"][-1]),
             float(np.max(np.abs(estimate[recording.time >= ONSET_S + 1.0] - loss))),
-            _number(figures["loe_final_error"]),
+            or_nan(figures["loe_final_error"]),
         )
 
     def close(self) -> None:
@@ -142,7 +146,7 @@ def fly_all(
     """All flights of several specimens, spread over processes."""
     healthy: list[Healthy] = []
     faulty: list[Faulty] = []
-    with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn")) as pool:
+    with processes(workers) as pool:
         jobs = [pool.submit(fly_specimen, number, circles, sines, losses, rotors) for number in specimens]
         for done, job in enumerate(jobs, 1):
             flown = job.result()
@@ -154,47 +158,36 @@ def fly_all(
 
 def table(faulty: Sequence[Faulty]) -> list[str]:
     """Markdown table of what happened to each loss; delays as median and maximum in ms."""
-    lines = [
-        "| loss | flights | detected | delay | paper's rule isolates | set membership isolates | wrong rotor "
-        "| largest error from 1 s on | largest final error |",
-        "|---|---|---|---|---|---|---|---|---|",
-    ]
+    columns = ["loss", "flights", "detected", "delay", "paper's rule isolates", "set membership isolates"]
+    columns += ["wrong rotor", "largest error from 1 s on", "largest final error"]
+    rows = []
     for loss in sorted({f.loss for f in faulty}):
-        rows = [f for f in faulty if f.loss == loss]
-        wrong = sum(f.named not in (0, f.rotor) or f.paper_named not in (0, f.rotor) for f in rows)
-        lines.append(
-            f"| {100 * loss:.0f} % | {len(rows)} | {_delays([f.detection_delay for f in rows], percent_only=True)} "
-            f"| {_delays([f.detection_delay for f in rows])} "
-            f"| {_delays([f.paper_isolation_delay for f in rows], percent=True)} "
-            f"| {_delays([f.isolation_delay for f in rows], percent=True)} | {wrong} "
-            f"| {max(f.error_after_1_s for f in rows):.3f} | {max(abs(f.final_error) for f in rows):.4f} |"
+        own = [f for f in faulty if f.loss == loss]
+        detection = [f.detection_delay for f in own]
+        rows.append(
+            (
+                f"{100 * loss:.0f} %",
+                len(own),
+                share(detection),
+                milliseconds(detection),
+                share_and_milliseconds([f.paper_isolation_delay for f in own]),
+                share_and_milliseconds([f.isolation_delay for f in own]),
+                sum(f.named not in (0, f.rotor) or f.paper_named not in (0, f.rotor) for f in own),
+                f"{max(f.error_after_1_s for f in own):.3f}",
+                f"{max(abs(f.final_error) for f in own):.4f}",
+            )
         )
-    return lines
+    return markdown_table(columns, rows)
 
 
 def healthy_table(healthy: Sequence[Healthy]) -> list[str]:
     """Markdown table of the healthy flights by motion."""
-    lines = ["| motion | flights | false alarms | peak residual over threshold |", "|---|---|---|---|"]
+    rows = []
     for motion in sorted({h.motion for h in healthy}):
-        rows = [h for h in healthy if h.motion == motion]
+        own = [h for h in healthy if h.motion == motion]
         name = motion if motion == "circle" else f"vertical sine at {motion} rad/s"
-        lines.append(
-            f"| {name} | {len(rows)} | {sum(h.false_alarm for h in rows)} | {max(h.peak_ratio for h in rows):.2f} |"
-        )
-    return lines
-
-
-def _delays(delays: Sequence[float], percent: bool = False, percent_only: bool = False) -> str:
-    reached = np.array([d for d in delays if np.isfinite(d)])
-    share = f"{100 * len(reached) / len(delays):.0f} %"
-    if percent_only or not len(reached):
-        return share
-    figures = f"{1000 * np.median(reached):.0f} ({1000 * reached.max():.0f})"
-    return f"{share}, {figures}" if percent else figures
-
-
-def _number(value: float | None) -> float:
-    return float("nan") if value is None else float(value)
+        rows.append((name, len(own), sum(h.false_alarm for h in own), f"{max(h.peak_ratio for h in own):.2f}"))
+    return markdown_table(["motion", "flights", "false alarms", "peak residual over threshold"], rows)
 
 
 def main() -> None:
@@ -212,11 +205,7 @@ def main() -> None:
         "",
         *healthy_table(healthy),
     ]
-    RESULTS.mkdir(exist_ok=True)
-    (RESULTS / "fdie.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
-    flights = {"healthy": [asdict(h) for h in healthy], "faulty": [asdict(f) for f in faulty]}
-    (RESULTS / "fdie.json").write_text(json.dumps(flights) + "\n", encoding="utf-8")
-    print("\n".join(lines))
+    write_results("fdie", lines, {"healthy": [asdict(h) for h in healthy], "faulty": [asdict(f) for f in faulty]})
     print(f"\n{len(healthy) + len(faulty)} flights in {time.perf_counter() - begin:.0f} s")
 
 

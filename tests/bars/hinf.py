@@ -6,11 +6,8 @@ the functions fly a part of it, which a test does.
 
 from __future__ import annotations
 
-import json
-import multiprocessing
 import time
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass
 
 import numpy as np
@@ -19,13 +16,12 @@ from rotordx.fmus.vehicles import load_vehicle
 from rotordx.gains.flight_model import flight_model
 from rotordx.orchestrator.flight import fly
 from rotordx.orchestrator.recording import Recording
-from rotordx.orchestrator.reproduction._rotor_losses import losses, repeated, state_errors
+from rotordx.orchestrator.reproduction.ren.rotor_losses import losses, repeated, state_errors
 from rotordx.orchestrator.scenario import Scenario, load_scenario
 from rotordx.orchestrator.system import System
-from tests.bars.fdie import RESULTS
+from tests.bars.campaign import ROTORS, markdown_table, processes, write_results
 
 SEEDS = 100
-ROTORS = (1, 2, 3, 4)
 LOSSES = (0.1, 0.2, 0.3, 0.4, 0.5)
 ONSET_S, DURATION_S = 12.0, 24.0
 
@@ -139,7 +135,30 @@ def disturbed(seeds: int) -> Disturbed:
 
 def tables(rows: Sequence[Row], varying: dict[str, float], constant: Disturbed, seeds: int) -> list[str]:
     """The figures in Markdown."""
-    lines = [
+    columns = ["diagnoser", "loss", "settling, ms", "without noise, ms", "bias", "spread", "largest spread", "ghosts"]
+    columns += ["rotor named", "rms of angles, rad", "of rates, rad/s", "of v_z, m/s"]
+    by_loss = []
+    for name in DIAGNOSERS:
+        four = name == "hinf"
+        for loss in sorted({row.loss for row in rows}):
+            part = [row for row in rows if (row.diagnoser, row.loss) == (name, loss)]
+            by_loss.append(
+                (
+                    f"`{name}`",
+                    f"{100 * loss:.0f} %",
+                    f"{1000 * max(r.settling_time for r in part):.0f}",
+                    f"{1000 * max(r.quiet_settling_time for r in part):.0f}",
+                    f"{max(abs(r.bias) for r in part):.4f}",
+                    f"{max(r.std for r in part):.4f}",
+                    f"{max(r.largest_std for r in part):.4f}" if four else "",
+                    f"{max(r.ghost for r in part):.4f}" if four else "",
+                    f"{100 * min(r.named for r in part):.0f} %",
+                    f"{max(max(r.state_rms[:3]) for r in part):.4f}",
+                    f"{max(max(r.state_rms[3:]) for r in part):.4f}",
+                    f"{max(r.velocity_rms for r in part):.4f}" if four else "",
+                )
+            )
+    return [
         "# `hinf` and `fast_adaptive` on Ren's vehicle",
         "",
         f"A roll of 10 sin(0.2 t) degrees with sensor noise; {seeds} seeds for each rotor and loss. Each figure is "
@@ -148,24 +167,7 @@ def tables(rows: Sequence[Row], varying: dict[str, float], constant: Disturbed, 
         "Ghosts: largest mean estimate of a healthy rotor. `hinf_tau3` and `fast_adaptive` estimate torques: their "
         "losses are those of a rotor that fails alone.",
         "",
-        "| diagnoser | loss | settling, ms | without noise, ms | bias | spread | largest spread | ghosts | rotor named "
-        "| rms of angles, rad | of rates, rad/s | of v_z, m/s |",
-        "|---|---|---|---|---|---|---|---|---|---|---|---|",
-    ]
-    for name in DIAGNOSERS:
-        four = name == "hinf"
-        for loss in sorted({row.loss for row in rows}):
-            part = [row for row in rows if (row.diagnoser, row.loss) == (name, loss)]
-            lines.append(
-                f"| `{name}` | {100 * loss:.0f} % | {1000 * max(r.settling_time for r in part):.0f} "
-                f"| {1000 * max(r.quiet_settling_time for r in part):.0f} "
-                f"| {max(abs(r.bias) for r in part):.4f} | {max(r.std for r in part):.4f} "
-                f"| {f'{max(r.largest_std for r in part):.4f}' if four else ''} "
-                f"| {f'{max(r.ghost for r in part):.4f}' if four else ''} | {100 * min(r.named for r in part):.0f} % "
-                f"| {max(max(r.state_rms[:3]) for r in part):.4f} | {max(max(r.state_rms[3:]) for r in part):.4f} "
-                f"| {f'{max(r.velocity_rms for r in part):.4f}' if four else ''} |"
-            )
-    lines += [
+        *markdown_table(columns, by_loss),
         "",
         "Scenario B with the paper's disturbance and a wrong inertia, rms error of the loss of rotor 1: "
         + ", ".join(f"`{name}` {rms:.4f}" for name, rms in varying.items())
@@ -177,7 +179,6 @@ def tables(rows: Sequence[Row], varying: dict[str, float], constant: Disturbed, 
         f"- raw estimate: {_numbers(constant.raw)} (worst flight off by {constant.worst_raw:.4f})",
         f"- beyond the healthy offset: {_numbers(constant.calibrated)} (worst flight {constant.worst_calibrated:.4f})",
     ]
-    return lines
 
 
 def _numbers(values: Sequence[float]) -> str:
@@ -187,7 +188,7 @@ def _numbers(values: Sequence[float]) -> str:
 def main() -> None:
     """Fly everything and write results/hinf.md and results/hinf.json."""
     begin = time.perf_counter()
-    with ProcessPoolExecutor(2, mp_context=multiprocessing.get_context("spawn")) as pool:
+    with processes(2) as pool:
         jobs = [pool.submit(proportional, rotor, loss, SEEDS) for loss in LOSSES for rotor in ROTORS]
         varying, constant = pool.submit(time_varying, SEEDS), pool.submit(disturbed, SEEDS)
         rows = [row for job in jobs for row in job.result()]
@@ -197,11 +198,7 @@ def main() -> None:
             "time_varying_rms": varying.result(),
             "disturbed": asdict(constant.result()),
         }
-    RESULTS.mkdir(exist_ok=True)
-    (RESULTS / "hinf.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
-    text = json.dumps(facts).replace("NaN", "null")
-    (RESULTS / "hinf.json").write_text(text + "\n", encoding="utf-8")
-    print("\n".join(lines))
+    write_results("hinf", lines, facts)
     print(f"\n{SEEDS * (len(LOSSES) * len(ROTORS) + 2)} flights in {time.perf_counter() - begin:.0f} s")
 
 

@@ -7,7 +7,6 @@ specimens with the Monte Carlo spread.
 
 from __future__ import annotations
 
-import json
 import tempfile
 import time
 from collections.abc import Iterable, Sequence
@@ -17,13 +16,13 @@ from typing import Any
 
 import numpy as np
 
-from rotordx.fmus.diagnosers.codegen import diagnoser_function
+from rotordx.fmus.diagnosers.codegen import INSTRUCTION_BUDGET, diagnoser_function
 from rotordx.orchestrator.flight import fly
 from rotordx.orchestrator.metrics import summarise
-from rotordx.orchestrator.reproduction import _filter_costs as costs
+from rotordx.orchestrator.reproduction.msjfo import filter_costs as costs
 from rotordx.orchestrator.scenario import load_scenario
 from rotordx.orchestrator.system import System
-from tests.bars.fdie import RESULTS, ROTORS
+from tests.bars.campaign import ROTORS, markdown_table, milliseconds, or_nan, write_results
 
 DIAGNOSERS = ("askf", "msjfo")
 LOSSES = (0.1, 0.2)
@@ -91,8 +90,8 @@ def fly_losses(seeds: Iterable[int], losses: Sequence[float] = LOSSES, variant: 
                                 loss,
                                 rotor,
                                 seed,
-                                _number(figures[name]["detection_delay_s"]),
-                                _number(figures[name]["isolation_delay_s"]),
+                                or_nan(figures[name]["detection_delay_s"]),
+                                or_nan(figures[name]["isolation_delay_s"]),
                                 figures[name]["faulty_rotor"],
                                 float(np.mean((signals[f"{name}.loss_estimate"][steady] - truth) ** 2)),
                                 float(np.mean((signals[f"{name}.loe_estimate"][steady] - truth) ** 2)),
@@ -116,7 +115,7 @@ def fly_healthy(
             figures = summarise(fly(base.changed(seed=8000 + seed), system))["diagnosers"]
             for diagnoser in DIAGNOSERS:
                 own = figures[diagnoser]
-                peak = _number(own["peak_residual_ratio_before_fault"])
+                peak = or_nan(own["peak_residual_ratio_before_fault"])
                 found.append(Health(variant, name, diagnoser, seed, bool(own["fault_detected"]), peak))
     return found
 
@@ -131,41 +130,39 @@ def _scenario(name: str, variant: str) -> Any:
     return load_scenario(name, diagnosers=list(DIAGNOSERS), components=components)
 
 
-def _number(value: float | None) -> float:
-    return float("nan") if value is None else float(value)
-
-
 def loss_table(losses: Sequence[Loss]) -> list[str]:
     """Markdown table; delays as median (maximum) in ms."""
-    lines = [
-        "| variant | diagnoser | loss | flights | detected | isolated | wrong rotor "
-        "| mean square error: gamma, verdict | innovation: p, q, r; v_z |",
-        "|---|---|---|---|---|---|---|---|---|",
-    ]
+    columns = ["variant", "diagnoser", "loss", "flights", "detected", "isolated", "wrong rotor"]
+    columns += ["mean square error: gamma, verdict", "innovation: p, q, r; v_z"]
+    rows = []
     for variant, name, loss in sorted({(f.variant, f.diagnoser, f.loss) for f in losses}):
-        rows = [f for f in losses if (f.variant, f.diagnoser, f.loss) == (variant, name, loss)]
-        delays = [[1000 * getattr(f, key) for f in rows] for key in ("detection_delay", "isolation_delay")]
-        lines.append(
-            f"| {variant} | `{name}` | {100 * loss:.0f} % | {len(rows)} | "
-            + " | ".join(f"{np.median(d):.0f} ({np.max(d):.0f})" for d in delays)
-            + f" | {sum(f.named != f.rotor for f in rows)} | {np.mean([f.mean_square_error for f in rows]):.1e}, "
-            f"{np.mean([f.verdict_mean_square_error for f in rows]):.1e} | "
-            f"{np.mean([f.gyro_innovation for f in rows]):.3f}; {np.mean([f.velocity_innovation for f in rows]):.2f} |"
+        own = [f for f in losses if (f.variant, f.diagnoser, f.loss) == (variant, name, loss)]
+        rows.append(
+            (
+                *(variant, f"`{name}`", f"{100 * loss:.0f} %", len(own)),
+                milliseconds([f.detection_delay for f in own]),
+                milliseconds([f.isolation_delay for f in own]),
+                sum(f.named != f.rotor for f in own),
+                f"{_mean(own, 'mean_square_error'):.1e}, {_mean(own, 'verdict_mean_square_error'):.1e}",
+                f"{_mean(own, 'gyro_innovation'):.3f}; {_mean(own, 'velocity_innovation'):.2f}",
+            )
         )
-    return lines
+    return markdown_table(columns, rows)
+
+
+def _mean(losses: Sequence[Loss], field: str) -> float:
+    return float(np.mean([getattr(f, field) for f in losses]))
 
 
 def health_table(healthy: Sequence[Health]) -> list[str]:
     """Markdown table of the healthy flights."""
-    lines = [
-        "| variant | motion | diagnoser | flights | false alarms | peak residual over threshold |",
-        "|---|---|---|---|---|---|",
-    ]
+    rows = []
     for variant, motion, name in sorted({(h.variant, h.motion, h.diagnoser) for h in healthy}):
-        rows = [h for h in healthy if (h.variant, h.motion, h.diagnoser) == (variant, motion, name)]
-        alarms, peak = sum(h.false_alarm for h in rows), max(h.peak_ratio for h in rows)
-        lines.append(f"| {variant} | {motion} | `{name}` | {len(rows)} | {alarms} | {peak:.2f} |")
-    return lines
+        own = [h for h in healthy if (h.variant, h.motion, h.diagnoser) == (variant, motion, name)]
+        alarms, peak = sum(h.false_alarm for h in own), max(h.peak_ratio for h in own)
+        rows.append((variant, motion, f"`{name}`", len(own), alarms, f"{peak:.2f}"))
+    columns = ["variant", "motion", "diagnoser", "flights", "false alarms", "peak residual over threshold"]
+    return markdown_table(columns, rows)
 
 
 def cost_tables() -> list[str]:
@@ -177,10 +174,7 @@ def cost_tables() -> list[str]:
             for size in SIZES
             for i, form in enumerate(costs.FORMS)
         }
-    lines = [
-        "| form | " + " | ".join(f"n, m, p = {', '.join(map(str, size))}" for size in SIZES) + " |",
-        "|---|" + "---|" * len(SIZES),
-    ]
+    by_form = []
     for form in costs.FORMS:
         cells = []
         for size in SIZES:
@@ -188,10 +182,13 @@ def cost_tables() -> list[str]:
             seconds = times[size, form]
             timed = "" if seconds is None else f", {1e9 * seconds:.0f} ns"
             cells.append(f"{own} ({own / dense:.2f}){timed}")
-        lines.append(f"| {form} | " + " | ".join(cells) + " |")
-    lines += ["", "| diagnoser | instructions of a step | budget |", "|---|---|---|"]
-    lines += [f"| `{name}` | {diagnoser_function(name).n_instructions()} | 8000 |" for name in DIAGNOSERS]
-    return lines
+        by_form.append((form, *cells))
+    steps = [(f"`{name}`", diagnoser_function(name).n_instructions(), INSTRUCTION_BUDGET) for name in DIAGNOSERS]
+    return [
+        *markdown_table(["form", *(f"n, m, p = {', '.join(map(str, size))}" for size in SIZES)], by_form),
+        "",
+        *markdown_table(["diagnoser", "instructions of a step", "budget"], steps),
+    ]
 
 
 def main() -> None:
@@ -221,11 +218,7 @@ def main() -> None:
         "",
         *cost_tables(),
     ]
-    RESULTS.mkdir(exist_ok=True)
-    (RESULTS / "kalman.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
-    flights = {"losses": [asdict(f) for f in losses], "healthy": [asdict(h) for h in healthy]}
-    (RESULTS / "kalman.json").write_text(json.dumps(flights) + "\n", encoding="utf-8")
-    print("\n".join(lines))
+    write_results("kalman", lines, {"losses": [asdict(f) for f in losses], "healthy": [asdict(h) for h in healthy]})
     print(f"\n{(len(losses) + len(healthy)) // 2} flights in {time.perf_counter() - begin:.0f} s")
 
 

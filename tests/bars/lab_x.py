@@ -7,12 +7,9 @@ two processes and writes its figures to tests/bars/results; `fly_part` flies a p
 
 from __future__ import annotations
 
-import json
-import multiprocessing
 import sys
 import time
 from collections.abc import Iterable, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -25,7 +22,7 @@ from rotordx.orchestrator.flight import fly
 from rotordx.orchestrator.metrics import summarise
 from rotordx.orchestrator.scenario import load_scenario
 from rotordx.orchestrator.system import System
-from tests.bars.fdie import RESULTS, ROTORS
+from tests.bars.campaign import ROTORS, markdown_table, or_nan, processes, share_and_milliseconds, write_results
 
 DIAGNOSERS = [name for name in diagnoser_ids() if name not in ("null", "fdie")]
 ONSET_S = 24.0
@@ -105,15 +102,13 @@ def fly_part(flights: Sequence[Flight]) -> list[Result]:
 
 
 def _result(name: str, flight: Flight, figures: dict[str, Any], error: np.ndarray) -> Result:
-    numbers = {
-        key: float("nan") if figures[key] is None else float(figures[key])
-        for key in ("peak_residual_ratio_before_fault", "detection_delay_s", "isolation_delay_s")
-    }
     return Result(
         name,
         flight,
         bool(figures["false_alarm"]),
-        *numbers.values(),
+        or_nan(figures["peak_residual_ratio_before_fault"]),
+        or_nan(figures["detection_delay_s"]),
+        or_nan(figures["isolation_delay_s"]),
         figures["faulty_rotor"],
         float(np.mean(error)),
         float(np.mean(error**2)),
@@ -124,7 +119,7 @@ def fly_all(flights: Sequence[Flight], workers: int) -> list[Result]:
     """All flights, spread over processes."""
     parts = [flights[i : i + 10] for i in range(0, len(flights), 10)]
     results: list[Result] = []
-    with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn")) as pool:
+    with processes(workers) as pool:
         for done, part in enumerate(pool.map(fly_part, parts), 1):
             results += part
             print(f"{min(10 * done, len(flights))} of {len(flights)} flights", file=sys.stderr, flush=True)
@@ -133,38 +128,35 @@ def fly_all(flights: Sequence[Flight], workers: int) -> list[Result]:
 
 def healthy_table(results: Iterable[Result]) -> list[str]:
     """Markdown table of the healthy flights."""
-    lines = ["| diagnoser | flights | false alarms | peak residual over threshold |", "|---|---|---|---|"]
+    rows = []
     healthy = [r for r in results if not r.flight.loss]
     for name in DIAGNOSERS:
-        rows = [r for r in healthy if r.diagnoser == name]
-        peak = np.nanmax([r.peak_ratio for r in rows])
-        lines.append(f"| `{name}` | {len(rows)} | {sum(r.false_alarm for r in rows)} | {peak:.2f} |")
-    return lines
+        own = [r for r in healthy if r.diagnoser == name]
+        peak = np.nanmax([r.peak_ratio for r in own])
+        rows.append((f"`{name}`", len(own), sum(r.false_alarm for r in own), f"{peak:.2f}"))
+    return markdown_table(["diagnoser", "flights", "false alarms", "peak residual over threshold"], rows)
 
 
 def fault_table(results: Iterable[Result], kind: str) -> list[str]:
     """Markdown table of the flights with one kind of loss; delays as median and maximum in ms."""
-    lines = [
-        "| diagnoser | flights | detected | isolated | wrong rotor | largest mean error | largest mean square error |",
-        "|---|---|---|---|---|---|---|",
-    ]
+    columns = ["diagnoser", "flights", "detected", "isolated", "wrong rotor"]
+    columns += ["largest mean error", "largest mean square error"]
+    rows = []
     faulty = [r for r in results if r.flight.kind == kind]
     for name in DIAGNOSERS:
-        rows = [r for r in faulty if r.diagnoser == name]
-        wrong = sum(r.named not in (0, r.flight.rotor) for r in rows)
-        lines.append(
-            f"| `{name}` | {len(rows)} | {_delays([r.detection_delay for r in rows])} "
-            f"| {_delays([r.isolation_delay for r in rows])} | {wrong} "
-            f"| {max(abs(r.mean_error) for r in rows):.4f} | {max(r.mean_square_error for r in rows):.1e} |"
+        own = [r for r in faulty if r.diagnoser == name]
+        rows.append(
+            (
+                f"`{name}`",
+                len(own),
+                share_and_milliseconds([r.detection_delay for r in own]),
+                share_and_milliseconds([r.isolation_delay for r in own]),
+                sum(r.named not in (0, r.flight.rotor) for r in own),
+                f"{max(abs(r.mean_error) for r in own):.4f}",
+                f"{max(r.mean_square_error for r in own):.1e}",
+            )
         )
-    return lines
-
-
-def _delays(delays: Sequence[float]) -> str:
-    """Share of the flights, median and largest delay in ms."""
-    reached = np.array([d for d in delays if np.isfinite(d)])
-    share = f"{100 * len(reached) / len(delays):.0f} %"
-    return f"{share}, {1000 * np.median(reached):.0f} ({1000 * reached.max():.0f})" if len(reached) else share
+    return markdown_table(columns, rows)
 
 
 def main() -> None:
@@ -183,10 +175,7 @@ def main() -> None:
     ]
     for kind in dict.fromkeys(f.kind for f in flights if f.loss):
         lines += ["", f"## {kind}", "", *fault_table(results, kind)]
-    RESULTS.mkdir(exist_ok=True)
-    (RESULTS / "lab_x.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
-    (RESULTS / "lab_x.json").write_text(json.dumps([asdict(r) for r in results]) + "\n", encoding="utf-8")
-    print("\n".join(lines))
+    write_results("lab_x", lines, [asdict(r) for r in results])
     print(f"\n{len(flights)} flights in {time.perf_counter() - begin:.0f} s")
 
 

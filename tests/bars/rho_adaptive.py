@@ -6,7 +6,6 @@ tests/rho_adaptive fly a part. Side by side with the other diagnosers they are i
 
 from __future__ import annotations
 
-import json
 import sys
 import time
 from collections.abc import Sequence
@@ -17,11 +16,11 @@ import numpy as np
 
 from rotordx.orchestrator.flight import fly
 from rotordx.orchestrator.metrics import summarise
-from rotordx.orchestrator.reproduction._attitude_experiments import Outcome, experiments, outcomes
-from rotordx.orchestrator.reproduction._fault_free import fault_free_runs
+from rotordx.orchestrator.reproduction.rho_adaptive.attitude_experiments import Outcome, experiments, outcomes
+from rotordx.orchestrator.reproduction.rho_adaptive.fault_free import fault_free_runs
 from rotordx.orchestrator.scenario import load_scenario
 from rotordx.orchestrator.system import System
-from tests.bars.fdie import RESULTS, ROTORS
+from tests.bars.campaign import ROTORS, markdown_table, milliseconds, or_nan, write_results
 
 DIAGNOSERS = ["rho_adaptive", "smo"]
 RUNS, CONTROL_RUNS = 900, 60
@@ -75,46 +74,47 @@ def fly_kind(kind: Kind, seeds: int) -> list[Flown]:
                 truth = recording.signals["esc.loss_of_effectiveness"]
                 for name, score in summarise(recording)["diagnosers"].items():
                     error = (recording.signals[f"{name}.loe_estimate"] - truth)[late, rotor - 1]
-                    delays = (score["detection_delay_s"], score["isolation_delay_s"])
-                    numbers = [float("nan") if delay is None else float(delay) for delay in delays]
+                    delays = (or_nan(score["detection_delay_s"]), or_nan(score["isolation_delay_s"]))
                     mean_square = float(np.mean(error**2))
-                    found.append(Flown(str(kind), name, rotor, seed, *numbers, score["faulty_rotor"], mean_square))
+                    found.append(Flown(str(kind), name, rotor, seed, *delays, score["faulty_rotor"], mean_square))
     return found
 
 
 def attitude_table(found: dict[str, Outcome]) -> list[str]:
     """Markdown table of the paper's faults on its attitude system."""
-    lines = ["| fault, condition | diagnoser | detected at, s | mean square error | of zero |", "|---|---|---|---|---|"]
-    for name, outcome in found.items():
-        for diagnoser in DIAGNOSERS:
-            lines.append(
-                f"| {name} | `{diagnoser}` | {outcome.detection_time[diagnoser]:.3f} "
-                f"| {outcome.mean_squared_error(diagnoser):.1e} | {outcome.error_of_zero():.1e} |"
-            )
-    return lines
+    rows = [
+        (
+            name,
+            f"`{diagnoser}`",
+            f"{outcome.detection_time[diagnoser]:.3f}",
+            f"{outcome.mean_squared_error(diagnoser):.1e}",
+            f"{outcome.error_of_zero():.1e}",
+        )
+        for name, outcome in found.items()
+        for diagnoser in DIAGNOSERS
+    ]
+    return markdown_table(["fault, condition", "diagnoser", "detected at, s", "mean square error", "of zero"], rows)
 
 
 def flight_table(flown: Sequence[Flown]) -> list[str]:
     """Markdown table of the flights; delays as median (maximum) in ms."""
-    lines = [
-        "| loss | diagnoser | flights | detected | isolated | wrong rotor | mean square error: median (largest) |",
-        "|---|---|---|---|---|---|---|",
-    ]
+    columns = ["loss", "diagnoser", "flights", "detected", "isolated", "wrong rotor"]
+    columns += ["mean square error: median (largest)"]
+    rows = []
     for kind in KINDS:
         for name in DIAGNOSERS:
-            rows = [f for f in flown if (f.kind, f.diagnoser) == (str(kind), name)]
-            wrong = sum(f.named != f.rotor for f in rows)
-            errors = [f.mean_square_error for f in rows]
-            lines.append(
-                f"| {kind} | `{name}` | {len(rows)} | {_delays([f.detection_delay for f in rows])} "
-                f"| {_delays([f.isolation_delay for f in rows])} | {wrong} "
-                f"| {np.median(errors):.1e} ({max(errors):.1e}) |"
+            own = [f for f in flown if (f.kind, f.diagnoser) == (str(kind), name)]
+            errors = [f.mean_square_error for f in own]
+            rows.append(
+                (
+                    *(kind, f"`{name}`", len(own)),
+                    milliseconds([f.detection_delay for f in own]),
+                    milliseconds([f.isolation_delay for f in own]),
+                    sum(f.named != f.rotor for f in own),
+                    f"{np.median(errors):.1e} ({max(errors):.1e})",
+                )
             )
-    return lines
-
-
-def _delays(delays: Sequence[float]) -> str:
-    return f"{1000 * np.median(delays):.0f} ({1000 * np.max(delays):.0f})"
+    return markdown_table(columns, rows)
 
 
 def main() -> None:
@@ -146,15 +146,12 @@ def main() -> None:
         "",
         *flight_table(flown),
     ]
-    RESULTS.mkdir(exist_ok=True)
-    (RESULTS / "rho_adaptive.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
     figures = {
         "fault_free_ratio": np.round(aware.ratio, 4).tolist(),
         "control_ratio": np.round(unaware.ratio, 4).tolist(),
         "flights": [asdict(f) for f in flown],
     }
-    (RESULTS / "rho_adaptive.json").write_text(json.dumps(figures) + "\n", encoding="utf-8")
-    print("\n".join(lines))
+    write_results("rho_adaptive", lines, figures)
     print(f"\n{time.perf_counter() - begin:.0f} s")
 
 

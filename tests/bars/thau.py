@@ -6,10 +6,8 @@ a part of it, which a test does.
 
 from __future__ import annotations
 
-import json
 import time
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,14 +16,14 @@ from rotordx.fmus.vehicles import load_vehicle
 from rotordx.fmus.vehicles.spread import perturbed
 from rotordx.orchestrator.flight import fly
 from rotordx.orchestrator.metrics import summarise
-from rotordx.orchestrator.reproduction._motor_offsets import accuracy, missing_thrust, offsets_if_alone
+from rotordx.orchestrator.reproduction.motor_offsets import missing_thrust, offsets_if_alone
+from rotordx.orchestrator.reproduction.nguyen_hong.accuracy import accuracy
 from rotordx.orchestrator.scenario import Scenario, load_scenario
 from rotordx.orchestrator.system import System
+from tests.bars.campaign import ROTORS, markdown_table, write_results
 
-RESULTS = Path(__file__).parent / "results"
 DIAGNOSERS = ("thau", "adaptive_thau", "asmto")
 SEEDS, HEALTHY_FLIGHTS, SPECIMENS = 100, 50, 50
-ROTORS = (1, 2, 3, 4)
 
 
 @dataclass(frozen=True)
@@ -130,34 +128,31 @@ def _healthy(name: str, scenario: Scenario, flights: int, spread: bool) -> list[
 
 def report(measured: Measured) -> list[str]:
     """Markdown tables."""
-    lines = [
+    columns = ["experiment", "diagnoser", "flights", "detected, ms", "named, ms", "wrong rotor"]
+    columns += ["settled, ms", "bias, %", "spread, N"]
+    estimation = [
+        (
+            *(e.experiment, f"`{e.diagnoser}`", e.flights),
+            *(f"{1000 * t:.1f}" for t in (e.detection_delay, e.isolation_delay)),
+            *(e.wrong_rotor, f"{1000 * e.settling_time:.1f}", f"{100 * e.bias:.2f}", f"{e.std:.4f}"),
+        )
+        for e in measured.estimation
+    ]
+    health = [
+        (h.experiment, f"`{h.diagnoser}`", h.flights, h.false_alarms, f"{h.peak_ratio:.2f}") for h in measured.health
+    ]
+    return [
         "# `thau`, `adaptive_thau` and `asmto` on the F450",
         "",
         "Loss of 30 % in attitude flight with sensor noise and gusts. The offset is the thrust that the failed motor "
         "lacks, some 2.1 N; its estimate has settled when it stays within 5 % of it. Each figure is the worst of all "
         "flights.",
         "",
-        "| experiment | diagnoser | flights | detected, ms | named, ms | wrong rotor | settled, ms | bias, % | spread, "
-        "N |",
-        "|---|---|---|---|---|---|---|---|---|",
-    ]
-    for e in measured.estimation:
-        times = [f"{1000 * t:.1f}" for t in (e.detection_delay, e.isolation_delay)]
-        lines.append(
-            f"| {e.experiment} | `{e.diagnoser}` | {e.flights} | {' | '.join(times)} | {e.wrong_rotor} "
-            f"| {1000 * e.settling_time:.1f} | {100 * e.bias:.2f} | {e.std:.4f} |"
-        )
-    lines += [
+        *markdown_table(columns, estimation),
         "",
         "Healthy flights of 60 s, of the nominal vehicle and of vehicles with the benchmark's spread:",
         "",
-        "| vehicles | diagnoser | flights | false alarms | peak residual over threshold |",
-        "|---|---|---|---|---|",
-    ]
-    for h in measured.health:
-        lines.append(f"| {h.experiment} | `{h.diagnoser}` | {h.flights} | {h.false_alarms} | {h.peak_ratio:.2f} |")
-    return [
-        *lines,
+        *markdown_table(["vehicles", "diagnoser", "flights", "false alarms", "peak residual over threshold"], health),
         "",
         f"A loss of (20 + 10 sin 3t) % is followed by `asmto` to {measured.varying_rms:.3f} N rms. In a healthy noisy "
         f"flight of 10 min its sliding gain reaches {measured.largest_sliding_gain:.2g} rad/s2.",
@@ -168,11 +163,7 @@ def main() -> None:
     """Fly everything and write results/thau.md and results/thau.json."""
     begin = time.perf_counter()
     measured = measure(SEEDS, HEALTHY_FLIGHTS, SPECIMENS)
-    lines = report(measured)
-    RESULTS.mkdir(exist_ok=True)
-    (RESULTS / "thau.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
-    (RESULTS / "thau.json").write_text(json.dumps(asdict(measured)) + "\n", encoding="utf-8")
-    print("\n".join(lines))
+    write_results("thau", report(measured), asdict(measured))
     print(f"\nflown in {time.perf_counter() - begin:.0f} s")
 
 

@@ -1,29 +1,14 @@
 """Mistakes that flights hardly reveal are seen by the checks of this folder: each mutant is killed by a named one."""
 
-import inspect
-
 import numpy as np
 import pytest
 
 from rotordx.fmus.diagnosers import codegen
 from rotordx.fmus.diagnosers.fdie import detection, isolation, model, set_membership
-from rotordx.fmus.diagnosers.fdie import step as assembly
 from rotordx.fmus.model_terms import terms
 from tests.fdie import noisy_flights, test_equations, test_guarantees
 from tests.fdie.world import Compiled
-
-MODULES = (assembly, model, detection, isolation, set_membership, terms)
-
-
-def mutate(monkeypatch, function, old, new):
-    """Replace `function` wherever it is used by a copy in whose source `old` reads `new`."""
-    source = inspect.getsource(function)
-    assert source.count(old) == 1, f"{function.__name__} has no single {old!r} any more: adapt this mutant"
-    namespace = dict(function.__globals__)
-    exec(compile(source.replace(old, new), f"mutant of {function.__name__}", "exec"), namespace)
-    for module in MODULES:
-        if getattr(module, function.__name__, None) is function:
-            monkeypatch.setattr(module, function.__name__, namespace[function.__name__])
+from tests.mutation import mutate
 
 
 @pytest.fixture
@@ -95,7 +80,11 @@ def test_wrong_detection_estimators_differ_from_the_second_form(mutant, samples,
 @pytest.mark.parametrize(
     ("old", "new"),
     [
-        pytest.param("speed = motor_lag(speed_before, target_speed, dt, vehicle)", "speed = target_speed", id="no-lag"),
+        pytest.param(
+            "speed_before, speed = lagged_speed(started, state.rotor_speed, command, vehicle, dt)",
+            "speed_before = speed = command.rotor_speed_command",
+            id="no-lag",
+        ),
         pytest.param(
             "nominal=vertcat(vertical[0] + drag,", "nominal=vertcat(nominal[0] + drag,", id="thrust-not-matched"
         ),

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from rotordx.fmus.diagnosers import kalman
-from rotordx.orchestrator.reproduction import _filter_costs as forms
-from tests.kalman.mutants import mutate
+from rotordx.orchestrator.reproduction.msjfo import filter_costs as forms
 from tests.kalman.packing import AugmentedFilter, StagedFilter
 from tests.kalman.textbook import Filter, RandomSystem, TwoStage
+from tests.mutation import mutate
 
 STEPS = 1000
 #: (n, m, p) and variance of the losses' walk per step

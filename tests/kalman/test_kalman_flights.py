@@ -13,7 +13,7 @@ from rotordx.fmus.diagnosers.interface import Command, Measured
 from rotordx.fmus.shell.ports import start_values, unflatten, with_starts
 from rotordx.fmus.vehicles import load_design, load_vehicle
 from rotordx.fmus.vehicles.parameters import VehicleParameters
-from rotordx.orchestrator.reproduction._filter_costs import Compiled
+from rotordx.orchestrator.reproduction.msjfo.filter_costs import Compiled
 from tests.kalman.flights import DT, IDS, flown, inputs, replayed
 from tests.kalman.packing import unpacked
 from tests.kalman.textbook import Filter, System

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from rotordx.orchestrator.reproduction import _filter_costs as costs
-from rotordx.orchestrator.reproduction import _linear_channels as channels
 from rotordx.orchestrator.reproduction import msjfo
-from rotordx.orchestrator.reproduction._linear_channels import EXPERIMENTS
+from rotordx.orchestrator.reproduction.msjfo import filter_costs as costs
+from rotordx.orchestrator.reproduction.msjfo import linear_channels as channels
+from rotordx.orchestrator.reproduction.msjfo.linear_channels import EXPERIMENTS
 
 SEEDS = 6
 

@@ -12,7 +12,7 @@ from rotordx.fmus.diagnosers.interface import Command, Measured
 from rotordx.fmus.model_terms import terms
 from rotordx.fmus.vehicles import load_vehicle
 from rotordx.fmus.vehicles.parameters import VehicleParameters
-from tests.kalman.mutants import mutate
+from tests.mutation import mutate
 
 VEHICLE = load_vehicle("lab_x").fill(VehicleParameters)
 BANDWIDTH = 20.0

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from rotordx.orchestrator.reproduction._attitude_experiments import ABRUPT, INCIPIENT, experiments, outcomes
-from rotordx.orchestrator.reproduction._attitude_system import BODY_RATE, attitude_gain, lipschitz
-from rotordx.orchestrator.reproduction._fault_free import fault_free_runs
+from rotordx.orchestrator.reproduction.rho_adaptive.attitude_experiments import ABRUPT, INCIPIENT, experiments, outcomes
+from rotordx.orchestrator.reproduction.rho_adaptive.attitude_system import BODY_RATE, attitude_gain, lipschitz
+from rotordx.orchestrator.reproduction.rho_adaptive.fault_free import fault_free_runs
 
 CONDITIONS = ("none", "uncertainty", "noise", "both")
 

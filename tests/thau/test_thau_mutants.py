@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from rotordx.fmus.diagnosers import attitude_observer as observer
 from rotordx.fmus.diagnosers import interface
 from rotordx.fmus.diagnosers.adaptive_thau import adaptation
 from rotordx.fmus.diagnosers.asmto import step as asmto
-from rotordx.fmus.diagnosers.thau import observer
 from rotordx.fmus.diagnosers.thau import step as thau
 from rotordx.fmus.model_terms import terms
 from tests.mutation import mutate
@@ -32,7 +32,7 @@ def test_nothing_mutated_follows_the_continuous_observer():
             "+ rows(parameters.observer_gain, 6) @ error",
             id="sign-of-K",
         ),
-        pytest.param("thau", observer.rows, ").T", ")", id="K-by-columns"),
+        pytest.param("thau", interface.rows, ").T", ")", id="K-by-columns"),
         pytest.param(
             "thau", terms.coupling_torque, "vertcat(0, 0, rotor_momentum)", "vertcat(0, 0, 0)", id="no-gyroscopic-term"
         ),
@@ -75,9 +75,9 @@ def test_nothing_mutated_follows_the_continuous_observer():
         ),
         pytest.param(
             "thau",
-            observer.interval,
-            "if_else(state.started, state.rotor_speed, command.rotor_speed_command)",
-            "state.rotor_speed",
+            interface.lagged_speed,
+            "if_else(started, previous, command.rotor_speed_command)",
+            "previous",
             id="rotors-start-at-rest",
         ),
     ],
