@@ -26,14 +26,17 @@ from rotordx.orchestrator.errors import RunError
 from rotordx.orchestrator.layout import ComponentSettings
 from rotordx.orchestrator.library import with_optional_functions
 from rotordx.orchestrator.stepper import LogFunction, library
-from rotordx.orchestrator.variables import Exchange, Variable, read_variables
+from rotordx.orchestrator.variables import Variable, read_variables
 
 STATUS = ("ok", "warning", "discard", "error", "fatal", "pending")
 DISCARD, FATAL = STATUS.index("discard"), STATUS.index("fatal")
 
-#: FMI type -> suffix of FMPy's method that sets it, where it is not the type itself
-_SETTER = {("Enumeration", 2): "Integer", ("Enumeration", 3): "Int64"}
 _PYTHON_TYPE = {"Real": float, "Float64": float, "Float32": float, "Boolean": bool, "String": str}
+
+
+def _named(status: int) -> str:
+    """The name of a status, also of one that FMI does not have."""
+    return STATUS[status] if 0 <= status < len(STATUS) else str(status)
 
 
 class ComponentError(RunError):
@@ -75,21 +78,19 @@ class Component:
     @cached_property
     def inputs(self) -> dict[str, Variable]:
         """Inputs that can be connected, by port name."""
-        return {name: v for name, v in self.variables.items() if v.causality == "input" and v.is_real}
+        return {name: v for name, v in self.variables.items() if v.causality == "input" and v.is_number}
 
     @cached_property
     def outputs(self) -> dict[str, Variable]:
         """Outputs that can be connected and logged, by port name."""
-        return {name: v for name, v in self.variables.items() if v.causality == "output" and v.is_real}
+        return {name: v for name, v in self.variables.items() if v.causality == "output" and v.is_number}
 
     @cached_property
     def parameters(self) -> dict[str, Variable]:
-        """What can be set before a flight: parameters, and inputs that cannot be connected."""
-        return {
-            name: v
-            for name, v in self.variables.items()
-            if v.causality == "parameter" or (v.causality == "input" and not v.is_real)
-        }
+        """What can be set before a flight: parameters that are numbers or strings, and inputs that are strings."""
+        settable = {True: ("parameter",), False: ("parameter", "input")}
+        numbers_and_texts = ((name, v) for name, v in self.variables.items() if v.is_number or v.type == "String")
+        return {name: v for name, v in numbers_and_texts if v.causality in settable[v.is_number]}
 
     @property
     def instance(self) -> c_void_p:
@@ -97,9 +98,9 @@ class Component:
         handle: c_void_p = self.fmu.component
         return handle
 
-    def function(self, fmi2: str, fmi3: str) -> c_void_p:
-        """Address of one of the FMU's functions, which has a name in either version of FMI."""
-        return cast(getattr(self.fmu.dll, fmi2 if self.fmi == 2 else fmi3), c_void_p)
+    def function(self, name: str) -> c_void_p:
+        """Address of one of the FMU's functions, named without the version of FMI, for example "DoStep"."""
+        return cast(getattr(self.fmu.dll, f"fmi{self.fmi}{name}"), c_void_p)
 
     def reset(self) -> None:
         """Back to the state after instantiation."""
@@ -111,16 +112,17 @@ class Component:
 
     def set_parameters(self, values: Mapping[str, Sequence[Any]]) -> None:
         """Set the elements of parameters by name, between a reset and the initialisation."""
-        by_type: dict[str, tuple[list[int], list[Any]]] = {}
+        by_setter: dict[str, tuple[list[int], list[Any]]] = {}
         for name, elements in values.items():
             variable = self.parameters[name]
-            references, flat = by_type.setdefault(variable.type, ([], []))
+            setter = f"set{variable.access.suffix if variable.access else variable.type}"
+            references, flat = by_setter.setdefault(setter, ([], []))
             references.extend(variable.references)
             flat.extend(_PYTHON_TYPE.get(variable.type, int)(element) for element in elements)
         self._used = True
         with self._calling("setting parameters"):
-            for kind, (references, flat) in by_type.items():
-                getattr(self.fmu, f"set{_SETTER.get((kind, self.fmi), kind)}")(references, flat)
+            for setter, (references, flat) in by_setter.items():
+                getattr(self.fmu, setter)(references, flat)
 
     def enter_initialization(self) -> None:
         """Enter initialisation mode, at t = 0."""
@@ -135,28 +137,11 @@ class Component:
         with self._calling("initialisation"):
             self.fmu.exitInitializationMode()
 
-    def set_inputs(self, values: Sequence[float]) -> None:
-        """Set all inputs, in the order of `inputs`."""
-        exchange = Exchange.of(self.inputs.values())
-        with self._calling("setting inputs"):
-            setter = self.fmu.setReal if self.fmi == 2 else self.fmu.setFloat64
-            setter(exchange.references, exchange.to_call(values))
-
-    def get_outputs(self) -> list[float]:
-        """All outputs, in the order of `outputs`."""
-        exchange = Exchange.of(self.outputs.values())
-        with self._calling("reading outputs"):
-            if self.fmi == 2:
-                values = self.fmu.getReal(exchange.references)
-            else:
-                values = self.fmu.getFloat64(exchange.references, exchange.size)
-        return exchange.from_call(values)
-
     def failure(self, activity: str, time: float, status: int) -> ComponentError:
         """What to raise when a call has returned a status that is not good."""
         self._fatal = status == FATAL
         remarks = self._about_discarded_step() if activity == "doStep" and status == DISCARD else []
-        messages = [*self.messages, *remarks] or [f"status {STATUS[status]}, no message"]
+        messages = [*self.messages, *remarks] or [f"status {_named(status)}, no message"]
         return ComponentError(self.name, time, activity, messages)
 
     def close(self) -> None:
@@ -196,7 +181,7 @@ class Component:
 
     def _log(self, status: int, message: bytes | None) -> None:
         text = (message or b"").decode(errors="replace").strip()
-        self.messages.append(text if status == 0 else f"{STATUS[status] if status < len(STATUS) else status}: {text}")
+        self.messages.append(text if status == 0 else f"{_named(status)}: {text}")
 
     def _fmi2_callbacks(self) -> fmi2CallbackFunctions:
         """Callbacks with our native logger; FMPy's sends the messages of all FMUs to the last one that asked."""

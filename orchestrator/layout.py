@@ -29,13 +29,14 @@ def _scale(value: Any) -> Any:
 
 
 class PortMap(Section):
-    """What a port consists of: value of the port = scale * value of the FMU in SI units."""
+    """What a port consists of: value of the port = scale * value of the FMU in SI units + offset."""
 
     variables: Names = Field(min_length=1, description="a variable of the FMU, or a list of them")
     unit: str | None = Field(default=None, description="the unit of the variables, if the FMU does not declare it")
     scale: Annotated[float | list[float], BeforeValidator(_scale)] = Field(
         default=1.0, description="a number other than 0, or a list with one for each element"
     )
+    offset: float | list[float] = Field(default=0.0, description="a number, or a list with one for each element")
 
 
 def _port_map(value: Any) -> Any:
@@ -58,6 +59,9 @@ class ComponentSettings(Section):
     isolate: bool | None = Field(default=None, description="true or false")
     timeout_s: float | None = Field(
         default=None, gt=0, le=3600, description="the longest time of one call of an isolated FMU in seconds"
+    )
+    memory_mib: int | None = Field(
+        default=None, ge=256, le=2**20, description="the memory that an isolated FMU may take in MiB, 256 or more"
     )
     substeps: int | None = Field(
         default=None, ge=1, le=1000, description="how many steps of the FMU make one, 1 to 1000"

@@ -12,11 +12,11 @@ ERROR = 3  #: the status of both versions of FMI
 _NEEDED = {
     2: {
         *("fmi2Instantiate", "fmi2FreeInstance", "fmi2SetupExperiment", "fmi2EnterInitializationMode"),
-        *("fmi2ExitInitializationMode", "fmi2DoStep", "fmi2Reset", "fmi2SetReal", "fmi2GetReal"),
+        *("fmi2ExitInitializationMode", "fmi2DoStep", "fmi2Reset"),
     },
     3: {
         *("fmi3InstantiateCoSimulation", "fmi3FreeInstance", "fmi3EnterInitializationMode"),
-        *("fmi3ExitInitializationMode", "fmi3DoStep", "fmi3Reset", "fmi3SetFloat64", "fmi3GetFloat64"),
+        *("fmi3ExitInitializationMode", "fmi3DoStep", "fmi3Reset"),
     },
 }
 

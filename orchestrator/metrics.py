@@ -8,10 +8,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rotordx.orchestrator.errors import RunError
 from rotordx.orchestrator.recording import Recording
 
 TRUTH = "esc.loss_of_effectiveness"
 FINAL_PERIOD = 3.0  #: s at the end of a recording over which the final estimate is averaged
+
+#: outputs of a diagnoser that are scored, and their sizes; the first one it must have
+VERDICT = {"fault_detected": 1, "faulty_rotor": 1, "loe_estimate": 4, "detection_time": 1, "isolation_time": 1}
 
 #: every figure of a diagnoser in the order of summary.json, and its meaning
 MEANING = {
@@ -57,15 +61,23 @@ def score(recording: Recording, diagnoser: str) -> dict[str, Any]:
 
     A detection that precedes every onset is a false alarm: it has a time but no delay, so that delays average what
     was really detected. `isolation_correct` is None unless exactly one rotor failed; then it is True if that rotor
-    was named after the onset and still is at the end, else False, also if none was ever named.
+    was named after the onset and still is at the end, else False, also if none was ever named. A diagnoser without
+    outputs for the instants has them from the signals: the first alarm, and since when the rotor named at the end was.
+
+    Raises:
+        RunError: at the end it names something that is no rotor.
     """
     known = truth_known(recording)
     onset = first_onset(recording)
     failed = sorted({int(fault["rotor"]) for fault in faults_in(recording)})
     detected = _signal(recording, diagnoser, "fault_detected")
-    detection_times = _finite(_signal(recording, diagnoser, "detection_time"))
-    isolation_times = _finite(_signal(recording, diagnoser, "isolation_time"))
     rotors = _finite(_signal(recording, diagnoser, "faulty_rotor"))
+    if rotors.size and rotors[-1] not in (-1, 0, 1, 2, 3, 4):
+        raise RunError(
+            f"{diagnoser}.faulty_rotor is {rotors[-1]:g} at the end but must be a rotor from 1 to 4, 0 for none or -1 "
+            "for no loss of a single rotor: map it with scale and offset"
+        )
+    detection_times, isolation_times = _instants(recording, diagnoser)
 
     fault_detected = detected is not None and bool(np.any(detected > 0.5))
     detection_time = float(detection_times[0]) if fault_detected and detection_times.size else None
@@ -92,6 +104,19 @@ def score(recording: Recording, diagnoser: str) -> dict[str, Any]:
         ),
         "step_time_ns": _number((recording.measurements.get("step_time_ns") or {}).get(diagnoser)),
     }
+
+
+def _instants(recording: Recording, diagnoser: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Instants (s) of detection and of isolation, the first and the last of which count."""
+    detection, isolation = (_signal(recording, diagnoser, f"{event}_time") for event in ("detection", "isolation"))
+    detected, rotor = (_signal(recording, diagnoser, port) for port in ("fault_detected", "faulty_rotor"))
+    if detection is None and detected is not None:
+        detection = recording.time[detected > 0.5]
+    if isolation is None and rotor is not None:
+        named = np.isfinite(rotor) & (rotor > 0)
+        changes = np.diff(np.where(named, rotor, 0.0), prepend=0.0)
+        isolation = recording.time[named & (changes != 0)]
+    return _finite(detection), _finite(isolation)
 
 
 def faults_in(recording: Recording) -> list[dict[str, Any]]:

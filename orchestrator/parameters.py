@@ -148,6 +148,8 @@ def _elements(variable: Variable, value: Any, origin: str) -> Sequence[Any]:
             elements[i] = str(element)
         elif isinstance(element, str) or (isinstance(element, bool) != (variable.type == "Boolean")):
             raise UserError(f"{where} is {element!r} but must be a number ({variable.unit}: {variable.description})")
+        elif variable.access and not variable.access.is_real and element != int(element):
+            raise UserError(f"{where} is {element:g} but must be a whole number ({variable.description})")
         elif not variable.minimum <= element <= variable.maximum:
             raise UserError(
                 f"{where} is {element:g} but must be from {variable.minimum:g} to {variable.maximum:g} "

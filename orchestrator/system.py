@@ -19,6 +19,7 @@ from rotordx.orchestrator.documents import one_of
 from rotordx.orchestrator.errors import UserError
 from rotordx.orchestrator.isolation import IsolatedComponent
 from rotordx.orchestrator.layout import ComponentSettings, Connection, SystemLayout, load_layout
+from rotordx.orchestrator.metrics import VERDICT
 from rotordx.orchestrator.parameters import missing_design, parameter_values
 from rotordx.orchestrator.scenario import Scenario
 from rotordx.orchestrator.stepper import Stepper
@@ -51,6 +52,8 @@ class System:
                 isolated = not packaged if settings.isolate is None else settings.isolate
                 self.archives[name] = archive
                 self.components[name] = (IsolatedComponent if isolated else Component)(name, archive, settings)
+            for name in scenario.diagnosers:
+                _check_verdict(name, self.components[name])
             self.connections = _connections(self._layout, scenario, self.components)
             self.wiring = wire(self.components, self.connections)
             ordered = [self.components[name] for name in self.wiring.order]
@@ -92,7 +95,8 @@ class System:
             self._propagate_initial_values()
             for component in self.components.values():
                 component.exit_initialization()
-                self._read_outputs(component)
+            for number in range(len(self.components)):
+                self.stepper.get_outputs(number)
 
     def settings(self, scenario: Scenario) -> dict[str, ComponentSettings]:
         """Settings of all components: the system's, then the diagnosers', each extended by the scenario's.
@@ -137,16 +141,14 @@ class System:
         Unless initial values depend on each other in a circle, as many rounds as there are components reach
         everywhere, and one more finds that nothing changes.
         """
-        bus = self.stepper.bus
-        for component in self.components.values():
-            self._read_outputs(component)
-        for _ in range(len(self.components) + 1):
+        bus, numbers = self.stepper.bus, range(len(self.components))
+        for number in numbers:
+            self.stepper.get_outputs(number)
+        for _ in range(len(numbers) + 1):
             before = bus.copy()
-            for name in self.wiring.order:
-                component = self.components[name]
-                if component.inputs:
-                    component.set_inputs(bus[self.wiring.inputs[name]].tolist())
-                self._read_outputs(component)
+            for number in numbers:
+                self.stepper.set_inputs(number)
+                self.stepper.get_outputs(number)
             changed = (bus != before) & ~(np.isnan(bus) & np.isnan(before))
             if not changed.any():
                 return
@@ -154,12 +156,6 @@ class System:
         raise UserError(
             f"the initial values of {keys} depend on each other in a circle, feed one of them from elsewhere"
         )
-
-    def _read_outputs(self, component: Component) -> None:
-        if component.outputs:
-            first = self.wiring.columns[f"{component.name}.{next(iter(component.outputs))}"].start
-            values = component.get_outputs()
-            self.stepper.bus[first : first + len(values)] = values
 
 
 @contextmanager
@@ -169,6 +165,26 @@ def _errors_of(scenario: Scenario) -> Iterator[None]:
         yield
     except (UserError, VehicleError) as error:
         raise UserError(f"{scenario.name}: {error}") from error
+
+
+def _check_verdict(diagnoser: str, component: Component) -> None:
+    """Refuse a diagnoser that could not be scored."""
+    outputs = component.outputs
+    for port, size in VERDICT.items():
+        if port in outputs and outputs[port].size != size:
+            raise UserError(f"the output {diagnoser}.{port} has {outputs[port].size} elements but must have {size}")
+    required = next(iter(VERDICT))
+    if required not in outputs:
+        raise UserError(
+            f"the diagnoser {diagnoser} has no output {required}: say under components.{diagnoser}.ports which of its "
+            f"outputs that is, {required} = {one_of(outputs, required)}"
+        )
+    residual, threshold = (outputs.get(port) for port in ("residual", "threshold"))
+    if residual and threshold and residual.size != threshold.size:
+        raise UserError(
+            f"the outputs {diagnoser}.residual and {diagnoser}.threshold have {residual.size} and {threshold.size} "
+            "elements but must have the same number"
+        )
 
 
 def _structure(scenario: Scenario) -> object:

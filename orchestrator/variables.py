@@ -8,12 +8,55 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
+
 from rotordx.orchestrator.documents import one_of
 from rotordx.orchestrator.errors import UserError
 from rotordx.orchestrator.layout import PortMap
 from rotordx.orchestrator.units import Unit, declared_units, unit_of_name
 
-REAL_TYPES = ("Real", "Float64")
+
+@dataclass(frozen=True)
+class Access:
+    """The pair of FMI functions that sets and gets the values of a type, and what a value may be."""
+
+    suffix: str  #: of the functions' names, for example "Int32" of fmi3SetInt32 and fmi3GetInt32
+    memory: str  #: of a value, as NumPy calls it
+    lowest: float = -math.inf  #: of integers, the smallest and the largest that is a double and fits
+    highest: float = math.inf
+
+    @property
+    def is_real(self) -> bool:
+        """Whether values are floating-point numbers, which can have a unit."""
+        return self.memory in ("f8", "f4")
+
+
+def _integers(suffix: str, memory: str) -> Access:
+    limits = np.iinfo(memory)
+    highest = float(limits.max)
+    return Access(suffix, memory, float(limits.min), highest if highest <= limits.max else np.nextafter(highest, 0.0))
+
+
+#: FMI version -> type -> how values are set and got; of String, Binary and Clock they are no numbers
+ACCESS = {
+    2: {
+        "Real": Access("Real", "f8"),
+        "Integer": _integers("Integer", "i4"),
+        "Enumeration": _integers("Integer", "i4"),
+        "Boolean": Access("Boolean", "i4", 0.0, 1.0),
+    },
+    3: {
+        "Float64": Access("Float64", "f8"),
+        "Float32": Access("Float32", "f4"),
+        **{
+            f"{sign.upper()}Int{8 * n}": _integers(f"{sign.upper()}Int{8 * n}", f"{sign or 'i'}{n}")
+            for n in (1, 2, 4, 8)
+            for sign in ("", "u")
+        },
+        "Enumeration": _integers("Int64", "i8"),
+        "Boolean": Access("Boolean", "u1", 0.0, 1.0),
+    },
+}
 _ELEMENT = re.compile(r"(.+)\[(\d+)\]")
 
 
@@ -37,6 +80,7 @@ class Variable:
 
     name: str
     type: str  #: of FMI: "Real", "Float64", "Enumeration", ...
+    access: Access | None  #: None if values are no numbers
     causality: str
     unit: str  #: of the port's values; of a parameter, which is not converted, the FMU's
     description: str
@@ -59,58 +103,59 @@ class Variable:
         return 1 if self.shape is None else self.shape
 
     @property
-    def is_real(self) -> bool:
+    def is_number(self) -> bool:
         """Whether it can be connected and logged."""
-        return self.type in REAL_TYPES
+        return self.access is not None
+
+    @property
+    def is_real(self) -> bool:
+        """Whether it can have a unit."""
+        return self.access is not None and self.access.is_real
 
 
 @dataclass(frozen=True)
-class Exchange:
-    """How the values of some ports lie in one call that sets or gets them all."""
+class Call:
+    """One call that sets or gets all values of one type, and how those of some ports lie in it."""
 
+    access: Access
     references: tuple[int, ...]
     size: int  #: number of values of the call
-    places: tuple[int, ...]  #: of each value of the ports among those of the call
-    scale: tuple[float, ...]  #: value of the port = scale * value of the call + offset
+    elements: tuple[int, ...]  #: those that have this type, counted over the elements of all ports
+    places: tuple[int, ...]  #: of each of these elements among the values of the call
+    scale: tuple[float, ...]  #: value of the element = scale * value of the call + offset
     offset: tuple[float, ...]
 
     @classmethod
-    def of(cls, variables: Iterable[Variable]) -> Exchange:
-        """The call for these ports."""
-        elements = [element for variable in variables for element in variable.elements]
+    def all_for(cls, variables: Iterable[Variable]) -> list[Call]:
+        """The calls for these ports, which must be numbers: one for each type among them."""
+        by_access: dict[Access, list[tuple[int, Element]]] = {}
+        ports = [(variable.access, element) for variable in variables for element in variable.elements]
+        for number, (access, element) in enumerate(ports):
+            assert access is not None
+            by_access.setdefault(access, []).append((number, element))
+        return [cls._of(access, numbered) for access, numbered in by_access.items()]
+
+    @classmethod
+    def _of(cls, access: Access, numbered: Sequence[tuple[int, Element]]) -> Call:
         first, size = {}, 0
-        for element in elements:
+        for _, element in numbered:
             if element.reference not in first:
                 first[element.reference] = size
                 size += element.count
         return cls(
+            access=access,
             references=tuple(first),
             size=size,
-            places=tuple(first[element.reference] + element.index for element in elements),
-            scale=tuple(element.scale for element in elements),
-            offset=tuple(element.offset for element in elements),
+            elements=tuple(number for number, _ in numbered),
+            places=tuple(first[element.reference] + element.index for _, element in numbered),
+            scale=tuple(element.scale for _, element in numbered),
+            offset=tuple(element.offset for _, element in numbered),
         )
 
     @property
-    def plain(self) -> bool:
-        """Whether the call's values are the ports' as they are."""
-        return self.places == tuple(range(self.size)) and set(self.scale) <= {1.0} and not any(self.offset)
-
-    @property
-    def inverse(self) -> tuple[list[float], list[float]]:
-        """(scale, offset) the other way round: value of the call = scale * value of the port + offset."""
-        return [1 / s for s in self.scale], [-o / s for s, o in zip(self.scale, self.offset, strict=True)]
-
-    def to_call(self, values: Sequence[float]) -> list[float]:
-        """Values of the call from those of the ports."""
-        call = [0.0] * self.size
-        for value, place, scale, offset in zip(values, self.places, *self.inverse, strict=True):
-            call[place] = scale * value + offset
-        return call
-
-    def from_call(self, call: Sequence[float]) -> list[float]:
-        """Values of the ports from those of the call."""
-        return [s * call[place] + o for place, s, o in zip(self.places, self.scale, self.offset, strict=True)]
+    def converts(self) -> bool:
+        """Whether the elements have a scale or an offset."""
+        return set(self.scale) != {1.0} or any(self.offset)
 
 
 def read_variables(description: Any, ports: Mapping[str, PortMap], component: str) -> dict[str, Variable]:
@@ -125,47 +170,56 @@ def read_variables(description: Any, ports: Mapping[str, PortMap], component: st
         UserError: `ports` names a variable that the FMU does not have, a unit that there is not or that the variable
             does not have, or joins what does not belong together.
     """
-    units = declared_units(description)
-    whole = _with_whole_arrays({v.name: _variable(v, units) for v in description.modelVariables})
+    units, access = declared_units(description), ACCESS[int(description.fmiVersion[0])]
+    variables = [_variable(v, units, access.get(v.type)) for v in description.modelVariables]
+    whole = _with_whole_arrays({variable.name: variable for variable in variables})
     known = whole | {part.name: part for variable in whole.values() for part in _parts(variable)}
     mapped: dict[str, Variable] = {}
-    used: dict[tuple[int, int], str] = {}
+    used: dict[tuple[Access | None, int, int], str] = {}
     for port, wanted in ports.items():
         where = f"components.{component}.ports.{port}"
         for name in wanted.variables:
             if name not in known:
                 raise UserError(f"{where} is {name!r} but must be {one_of(known, name)}")
-            for element in known[name].elements:
-                place = (element.reference, element.index)
+            for place in _places(known[name]):
                 if place in used:
                     raise UserError(f"{where}: {name} is in the port {used[place]} already, take one of the two out")
                 used[place] = port
         mapped[port] = _mapped(port, [known[name] for name in wanted.variables], wanted, where)
     rest: dict[str, Variable] = {}
     for name, variable in whole.items():
-        free = [part for part in _parts(variable) if (part.elements[0].reference, part.elements[0].index) not in used]
+        free = [part for part in _parts(variable) if used.keys().isdisjoint(_places(part))]
         rest |= {name: variable} if len(free) == variable.size else {part.name: part for part in free}
     return {name: _in_si(variable) for name, variable in (rest | mapped).items()}
 
 
-def _variable(variable: Any, units: Mapping[str, Unit | None]) -> Variable:
+def _places(variable: Variable) -> list[tuple[Access | None, int, int]]:
+    """Where its elements are in the FMU; FMI 2 counts value references for each type anew."""
+    return [(variable.access, element.reference, element.index) for element in variable.elements]
+
+
+def _variable(variable: Any, units: Mapping[str, Unit | None], access: Access | None) -> Variable:
     declared = variable.declaredType
     size = math.prod(variable.shape) if variable.shape else 1
     limits = {
         bound: getattr(variable, bound) or (getattr(declared, bound) if declared else None) for bound in ("min", "max")
     }
+    lowest, highest = (
+        (access.lowest, access.highest) if access and variable.type != "Enumeration" else (-math.inf, math.inf)
+    )
     unit = variable.unit or (declared.unit if declared else None)
     return Variable(
         name=variable.name,
         type=variable.type,
+        access=access,
         causality=variable.causality,
         unit=unit or "1",
         description=variable.description or "",
         shape=size if variable.shape else None,
         elements=tuple(Element(variable.valueReference, i, size) for i in range(size)),
-        start=_start(variable, size),
-        minimum=-math.inf if limits["min"] is None else float(limits["min"]),
-        maximum=math.inf if limits["max"] is None else float(limits["max"]),
+        start=None if access is None or variable.start is None else _start(variable.start, size),
+        minimum=lowest if limits["min"] is None else float(limits["min"]),
+        maximum=highest if limits["max"] is None else float(limits["max"]),
         choices={i.name: int(i.value) for i in declared.items} if declared and variable.type == "Enumeration" else {},
         measures=units.get(unit, unit_of_name(unit)) if unit else None,
     )
@@ -178,9 +232,12 @@ def _mapped(port: str, parts: Sequence[Variable], wanted: PortMap, where: str) -
     if any(part.measures != parts[0].measures for part in parts):
         raise UserError(f"{where}: the variables differ in unit, {', '.join(f'{p.name} in {p.unit}' for p in parts)}")
     variable = replace(_joined(parts) if len(parts) > 1 else parts[0], name=port)
-    stated = wanted.model_fields_set & {"unit", "scale"}
-    if stated and not (variable.is_real and variable.causality in ("input", "output")):
-        raise UserError(f"{where}.{min(stated)}: only real inputs and outputs are converted, leave it out")
+    connectable = variable.is_number and variable.causality in ("input", "output")
+    for field in sorted(wanted.model_fields_set & {"unit", "scale", "offset"}):
+        if not connectable:
+            raise UserError(f"{where}.{field}: only inputs and outputs that are numbers are converted, leave it out")
+        if field == "unit" and not variable.is_real:
+            raise UserError(f"{where}.unit: {variable.type} values have no unit, leave it out")
     if wanted.unit is not None:
         measures = unit_of_name(wanted.unit)
         if measures is None:
@@ -188,11 +245,20 @@ def _mapped(port: str, parts: Sequence[Variable], wanted: PortMap, where: str) -
         if variable.measures is not None and variable.measures.exponents != measures.exponents:
             raise UserError(f"{where}.unit is {wanted.unit!r} but the FMU declares {variable.unit!r}, leave it out")
         variable = replace(variable, unit=wanted.unit, measures=measures)
-    scales = wanted.scale if isinstance(wanted.scale, list) else [wanted.scale] * variable.size
-    if len(scales) != variable.size:
-        raise UserError(f"{where}.scale has {len(scales)} numbers, but the port has {variable.size} elements")
-    elements = [replace(element, scale=scale) for element, scale in zip(variable.elements, scales, strict=True)]
+    scales, offsets = (
+        _each(getattr(wanted, field), variable.size, f"{where}.{field}") for field in ("scale", "offset")
+    )
+    changes = zip(variable.elements, scales, offsets, strict=True)
+    elements = [replace(element, scale=scale, offset=offset) for element, scale, offset in changes]
     return replace(variable, elements=tuple(elements))
+
+
+def _each(value: float | list[float], size: int, where: str) -> list[float]:
+    """A number for each element of a port."""
+    numbers = value if isinstance(value, list) else [value] * size
+    if len(numbers) != size:
+        raise UserError(f"{where} has {len(numbers)} numbers, but the port has {size} elements")
+    return numbers
 
 
 def _in_si(variable: Variable) -> Variable:
@@ -202,15 +268,15 @@ def _in_si(variable: Variable) -> Variable:
         return variable
     if (unit.factor, unit.offset) == (1.0, 0.0):
         return variable
-    elements = [replace(e, scale=e.scale * unit.factor, offset=e.scale * unit.offset) for e in variable.elements]
+    elements = [
+        replace(e, scale=e.scale * unit.factor, offset=e.scale * unit.offset + e.offset) for e in variable.elements
+    ]
     return replace(variable, elements=tuple(elements), unit=unit.name_in_si)
 
 
-def _start(variable: Any, size: int) -> tuple[float, ...] | None:
+def _start(start: str, size: int) -> tuple[float, ...]:
     """Start values; FMI 3 lets one value stand for all elements of an array."""
-    if variable.start is None or variable.type in ("String", "Binary", "Clock"):
-        return None
-    values = tuple(float({"true": 1, "false": 0}.get(text, text)) for text in variable.start.split())
+    values = tuple(float({"true": 1, "false": 0}.get(text, text)) for text in start.split())
     return values * size if len(values) == 1 else values
 
 

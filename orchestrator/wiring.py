@@ -25,6 +25,10 @@ class Terminals(Protocol):
     """What wiring needs to know of a component."""
 
     @property
+    def variables(self) -> Mapping[str, Variable]:
+        """All there is, also what cannot be connected."""
+
+    @property
     def inputs(self) -> Mapping[str, Variable]:
         """Inputs by port name."""
 
@@ -151,7 +155,11 @@ def _check_units(connection: Connection, target: Variable, components: Mapping[s
 
 def _unknown(end: str, name: str, components: Mapping[str, Terminals]) -> str:
     """What is wrong with a name at one end, "from" or "to", of a connection."""
-    component = name.partition(".")[0]
+    component, _, port = name.partition(".")
+    if component in components and port in components[component].variables:
+        variable = components[component].variables[port]
+        if not variable.is_number:
+            return f"connection {end} {name!r}: this is a {variable.type}, only numbers are connected"
     if component in components:
         ports = components[component].outputs if end == "from" else components[component].inputs
         known, given = [f"{component}.{port}" for port in ports], name

@@ -1,11 +1,11 @@
-"""Builds small FMI 2 FMUs from a few lines of C, as another tool might export them: flat names, Real scalars only."""
+"""Builds small FMI 2 FMUs from a few lines of C, as another tool might export them: flat names, scalars only."""
 
 from __future__ import annotations
 
 import re
 import subprocess
 import zipfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import fmpy
@@ -23,6 +23,7 @@ enum {{ {enum}, COUNT }};
 typedef struct {{ double v[COUNT]; const fmi2CallbackFunctions *callbacks; char *name; }} Instance;
 static const double start[COUNT] = {{ {start} }};
 #define V(x) (m->v[x])
+{prelude}
 #define LOG(...) m->callbacks->logger(m->callbacks->componentEnvironment, m->name, fmi2Error, "error", __VA_ARGS__)
 
 const char *fmi2GetTypesPlatform(void) {{ return fmi2TypesPlatform; }}
@@ -31,13 +32,18 @@ fmi2Status fmi2SetDebugLogging(fmi2Component c, fmi2Boolean on, size_t n, const 
 fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, fmi2String location,
                               const fmi2CallbackFunctions *callbacks, fmi2Boolean visible, fmi2Boolean logging) {{
   if (strcmp(guid, "foreign")) return NULL;
+  {instantiate}
   Instance *m = calloc(1, sizeof *m);
   memcpy(m->v, start, sizeof start);
   m->callbacks = callbacks;
   m->name = strdup(name);
   return m;
 }}
-void fmi2FreeInstance(fmi2Component c) {{ free(((Instance *)c)->name); free(c); }}
+void fmi2FreeInstance(fmi2Component c) {{
+  {free}
+  free(((Instance *)c)->name);
+  free(c);
+}}
 fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean td, double t, double t0, fmi2Boolean sd, double t1) {{
   return fmi2OK;
 }}
@@ -50,14 +56,18 @@ fmi2Status fmi2ExitInitializationMode(fmi2Component c) {{
 }}
 fmi2Status fmi2Terminate(fmi2Component c) {{ return fmi2OK; }}
 fmi2Status fmi2Reset(fmi2Component c) {{ memcpy(((Instance *)c)->v, start, sizeof start); return fmi2OK; }}
-fmi2Status fmi2GetReal(fmi2Component c, const unsigned r[], size_t n, double v[]) {{
-  for (size_t i = 0; i < n; ++i) v[i] = ((Instance *)c)->v[r[i]];
-  return fmi2OK;
-}}
-fmi2Status fmi2SetReal(fmi2Component c, const unsigned r[], size_t n, const double v[]) {{
-  for (size_t i = 0; i < n; ++i) ((Instance *)c)->v[r[i]] = v[i];
-  return fmi2OK;
-}}
+#define ACCESS(Type)                                                                                                  \
+  fmi2Status fmi2Get##Type(fmi2Component c, const unsigned r[], size_t n, fmi2##Type v[]) {{                          \
+    for (size_t i = 0; i < n; ++i) v[i] = ((Instance *)c)->v[r[i]];                                                   \
+    return fmi2OK;                                                                                                    \
+  }}                                                                                                                  \
+  fmi2Status fmi2Set##Type(fmi2Component c, const unsigned r[], size_t n, const fmi2##Type v[]) {{                    \
+    for (size_t i = 0; i < n; ++i) ((Instance *)c)->v[r[i]] = v[i];                                                   \
+    return fmi2OK;                                                                                                    \
+  }}
+ACCESS(Real)
+ACCESS(Integer)
+ACCESS(Boolean)
 fmi2Status fmi2DoStep(fmi2Component c, double time, double h, fmi2Boolean no_prior) {{
   Instance *m = c;
   (void)m;
@@ -65,11 +75,7 @@ fmi2Status fmi2DoStep(fmi2Component c, double time, double h, fmi2Boolean no_pri
   return fmi2OK;
 }}
 #define UNUSED(name, ...) fmi2Status name(fmi2Component c, __VA_ARGS__) {{ return fmi2Error; }}
-UNUSED(fmi2GetInteger, const unsigned r[], size_t n, fmi2Integer v[])
-UNUSED(fmi2GetBoolean, const unsigned r[], size_t n, fmi2Boolean v[])
 UNUSED(fmi2GetString, const unsigned r[], size_t n, fmi2String v[])
-UNUSED(fmi2SetInteger, const unsigned r[], size_t n, const fmi2Integer v[])
-UNUSED(fmi2SetBoolean, const unsigned r[], size_t n, const fmi2Boolean v[])
 UNUSED(fmi2SetString, const unsigned r[], size_t n, const fmi2String v[])
 UNUSED(fmi2GetFMUstate, fmi2FMUstate *s)
 UNUSED(fmi2SetFMUstate, fmi2FMUstate s)
@@ -97,8 +103,12 @@ def build(
     inputs: Sequence[str] = (),
     outputs: Sequence[str] = (),
     parameters: dict[str, float] | None = None,
+    types: Mapping[str, str] | None = None,
     step: str = "",
     initialise: str = "",
+    instantiate: str = "",
+    free: str = "",
+    prelude: str = "",
     source: str = "",
 ) -> Path:
     """Write `folder/name.fmu`.
@@ -109,8 +119,12 @@ def build(
         inputs: names of scalar inputs, which start at 0; dots and brackets become underscores in C.
         outputs: names of scalar outputs.
         parameters: start values by name.
+        types: by name, of variables that are not Real: Integer, Boolean or Enumeration.
         step: C statements in which V(name) is a variable; `time` and `h` are known, LOG(...) logs an error.
         initialise: the same, at the end of the initialisation.
+        instantiate: C statements at the beginning of the instantiation.
+        free: C statements when the instance is freed.
+        prelude: C that stands before all functions.
         source: the whole C source instead.
     """
     variables = [(n, "input", 0.0) for n in inputs]
@@ -121,6 +135,9 @@ def build(
         start=", ".join(str(value) for _, _, value in variables) or "0",
         step=step,
         initialise=initialise,
+        instantiate=instantiate,
+        free=free,
+        prelude=prelude,
     )
     (folder / f"{name}.c").write_text(source)
     library = folder / f"{name}{fmpy.sharedLibraryExtension}"
@@ -142,26 +159,35 @@ def build(
     )
     path = folder / f"{name}.fmu"
     with zipfile.ZipFile(path, "w") as archive:
-        archive.writestr("modelDescription.xml", model_description(name, variables))
+        archive.writestr("modelDescription.xml", model_description(name, variables, types or {}))
         archive.write(library, f"binaries/{fmpy.platform}/{library.name}")
     return path
 
 
-def model_description(name: str, variables: Sequence[tuple[str, str, float]]) -> str:
-    """An FMI 2 model description of (name, causality, start) variables."""
+def model_description(
+    name: str, variables: Sequence[tuple[str, str, float]], types: Mapping[str, str] | None = None
+) -> str:
+    """An FMI 2 model description of (name, causality, start) variables and the types of those that are not Real."""
     scalars, outputs = "", ""
     for index, (variable, causality, start) in enumerate(variables):
-        variability = "fixed" if causality == "parameter" else "continuous"
-        value = "" if causality == "output" else f' start="{start}"'
+        kind = (types or {}).get(variable, "Real")
+        variability = "fixed" if causality == "parameter" else "continuous" if kind == "Real" else "discrete"
+        number = {"Real": start, "Boolean": str(bool(start)).lower()}.get(kind, int(start))
+        value = "" if causality == "output" else f' start="{number}"'
+        declared = ' declaredType="Rotor"' if kind == "Enumeration" else ""
         scalars += (
             f'<ScalarVariable name="{variable}" valueReference="{index}" causality="{causality}" '
-            f'variability="{variability}"><Real{value}/></ScalarVariable>'
+            f'variability="{variability}"><{kind}{declared}{value}/></ScalarVariable>'
         )
         if causality == "output":
             outputs += f'<Unknown index="{index + 1}"/>'
     structure = f"<Outputs>{outputs}</Outputs><InitialUnknowns>{outputs}</InitialUnknowns>" if outputs else ""
+    items = "".join(f'<Item name="r{value}" value="{value}"/>' for value in range(-1, 5))
+    enumeration = f'<TypeDefinitions><SimpleType name="Rotor"><Enumeration>{items}</Enumeration></SimpleType>'
+    definitions = f"{enumeration}</TypeDefinitions>" if "Enumeration" in (types or {}).values() else ""
     return (
         f'<?xml version="1.0" encoding="UTF-8"?><fmiModelDescription fmiVersion="2.0" modelName="{name}" '
         f'guid="foreign"><CoSimulation modelIdentifier="{name}" canHandleVariableCommunicationStepSize="true"/>'
-        f"<ModelVariables>{scalars}</ModelVariables><ModelStructure>{structure}</ModelStructure></fmiModelDescription>"
+        f"{definitions}<ModelVariables>{scalars}</ModelVariables><ModelStructure>{structure}</ModelStructure>"
+        "</fmiModelDescription>"
     )

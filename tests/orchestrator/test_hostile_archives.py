@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+import shutil
 import stat
 import zipfile
 from collections.abc import Callable, Iterable
@@ -14,6 +16,8 @@ from rotordx.fmus import fmu_path
 from rotordx.orchestrator import archive
 from rotordx.orchestrator.archive import open_archive
 from rotordx.orchestrator.errors import UserError
+from tests.swap.fmi3_fmu import Port
+from tests.swap.fmi3_fmu import build as build_fmi3
 
 
 @pytest.fixture
@@ -25,9 +29,14 @@ def root(tmp_path, monkeypatch) -> Path:
     return folder
 
 
+@pytest.fixture(scope="module")
+def built(tmp_path_factory) -> Path:
+    return build(tmp_path_factory.mktemp("built"), "foreign", outputs=["y"])
+
+
 @pytest.fixture
-def fmu(tmp_path) -> Path:
-    return build(tmp_path, "foreign", outputs=["y"])
+def fmu(built, tmp_path) -> Path:
+    return Path(shutil.copy(built, tmp_path))
 
 
 def rewritten(fmu: Path, change: Callable[[str, bytes], bytes | None], add: Iterable[tuple] = ()) -> Path:
@@ -53,6 +62,39 @@ def keep(_: str, content: bytes) -> bytes:
     return content
 
 
+def with_nul(fmu: Path) -> Path:
+    path = rewritten(fmu, keep, [("resourcesXx", "x")])
+    path.write_bytes(path.read_bytes().replace(b"resourcesXx", b"resources\0x"))
+    return path
+
+
+def twice(fmu: Path) -> Path:
+    path = rewritten(fmu, keep, [("resources/x", "x"), ("resources/y", "x")])
+    path.write_bytes(path.read_bytes().replace(b"resources/y", b"resources/x"))
+    return path
+
+
+def encrypted(fmu: Path) -> Path:
+    """The flag is set in every entry's head and in the directory."""
+    content = bytearray(rewritten(fmu, keep).read_bytes())
+    for signature, flags in ((b"PK\x03\x04", 6), (b"PK\x01\x02", 8)):
+        for match in re.finditer(re.escape(signature), bytes(content)):
+            content[match.start() + flags] |= 1
+    path = fmu.with_name("changed.fmu")
+    path.write_bytes(content)
+    return path
+
+
+def compressed(name: str, method: int) -> zipfile.ZipInfo:
+    entry = zipfile.ZipInfo(name)
+    entry.compress_type = method
+    return entry
+
+
+MANY = b"".join(
+    b'<ScalarVariable name="x%d" valueReference="%d"><Real/></ScalarVariable>' % (i, i) for i in range(200_000)
+)
+
 REFUSALS = {
     "leads out of it": (
         lambda fmu: rewritten(fmu, keep, [("../../escaped.txt", "x")]),
@@ -67,6 +109,16 @@ REFUSALS = {
     "symbolic link": (
         lambda fmu: rewritten(fmu, keep, [(symbolic_link(), "/etc")]),
         "'resources/link', which is no plain file",
+    ),
+    "name with NUL": (lambda fmu: with_nul(fmu), r"holds the entry 'resources\\x00x', which leads out of the folder"),
+    "entry twice": (
+        lambda fmu: twice(fmu),
+        "holds the entry 'resources/x' more than once$",
+    ),
+    "encrypted": (lambda fmu: encrypted(fmu), "is encrypted, export it without a password$"),
+    "packed with LZMA": (
+        lambda fmu: rewritten(fmu, keep, [(compressed("resources/x", zipfile.ZIP_LZMA), "x")]),
+        "is compressed with another method than deflate, zip it anew$",
     ),
     "no description": (
         lambda fmu: rewritten(fmu, lambda name, content: None if name.endswith(".xml") else content),
@@ -95,9 +147,37 @@ REFUSALS = {
         ),
         r"is not an FMU for co-simulation, export it as one",
     ),
+    "binary for another machine": (
+        lambda fmu: rewritten(fmu, lambda name, c: c[:18] + b"\xb7\0" + c[20:] if name.startswith("binaries") else c),
+        r"has a binaries/\w+/foreign\.\w+ for another machine than this one: export it for this one$",
+    ),
+    "binary that is none": (
+        lambda fmu: rewritten(fmu, lambda name, content: b"MZ" if name.startswith("binaries") else content),
+        r"has a binaries/\w+/foreign\.\w+ for another machine than this one: export it for this one$",
+    ),
+    "FMI 1": (
+        lambda fmu: rewritten(fmu, lambda _, content: content.replace(b'fmiVersion="2.0"', b'fmiVersion="1.0"')),
+        r"is an FMU of FMI 1.0, supported are 2 and 3: export it as one of these$",
+    ),
+    "no version": (
+        lambda fmu: rewritten(fmu, lambda _, content: content.replace(b'fmiVersion="2.0"', b"")),
+        r"is not an FMU: its modelDescription.xml has no fmiVersion$",
+    ),
+    "document type": (
+        lambda fmu: rewritten(fmu, lambda _, c: c.replace(b"?><", b"?><!DOCTYPE a SYSTEM 'file:///etc/hostname'><")),
+        r"has a modelDescription.xml that is not valid: it has a DOCTYPE, which FMI does not use: remove it$",
+    ),
+    "document type of the build description": (
+        lambda fmu: rewritten(fmu, keep, [("sources/buildDescription.xml", "<!DOCTYPE a><fmiBuildDescription/>")]),
+        r"has a sources/buildDescription.xml that is not valid: it has a DOCTYPE",
+    ),
+    "a million variables": (
+        lambda fmu: rewritten(fmu, lambda _, c: c.replace(b"</ModelVariables>", MANY + b"</ModelVariables>")),
+        r"has a modelDescription.xml that is not valid: it has more than 300000 elements, export it without local",
+    ),
     "no binary": (
         lambda fmu: rewritten(fmu, lambda name, content: None if name.startswith("binaries") else content),
-        r"has no binary for this platform, it lacks binaries/\w+/foreign\.",
+        r"has no binary for this platform, it lacks binaries/\w+/foreign\.\w+: export it for this one too$",
     ),
 }
 
@@ -135,6 +215,19 @@ def test_a_damaged_library_is_refused(fmu, root):
         open_archive(fmu)
 
 
+@pytest.mark.parametrize("share", [0.0, 0.5])
+def test_damaged_compressed_data_are_refused(fmu, root, share):
+    path = rewritten(fmu, keep)
+    with zipfile.ZipFile(path) as source:
+        entry = next(entry for entry in source.infolist() if entry.filename.startswith("binaries"))
+    content, first = bytearray(path.read_bytes()), entry.header_offset + 30 + len(entry.filename)
+    begin = first + int(share * entry.compress_size)
+    content[begin : begin + 16] = b"\xff" * 16
+    path.write_bytes(content)
+    with pytest.raises(UserError, match=r"changed.fmu is damaged and cannot be extracted: "):
+        open_archive(path)
+
+
 def test_an_archive_that_would_fill_the_disk_is_refused(fmu, root, monkeypatch):
     monkeypatch.setattr(archive, "LARGEST_SIZE", 2**20)
     path = rewritten(fmu, keep, [("resources/zeros", bytes(2**20))])
@@ -145,7 +238,7 @@ def test_an_archive_that_would_fill_the_disk_is_refused(fmu, root, monkeypatch):
 
 
 def test_a_huge_description_is_refused_unread(fmu, root, monkeypatch):
-    monkeypatch.setattr(archive, "LARGEST_DESCRIPTION", 2**20)
+    monkeypatch.setattr(archive, "LARGEST_DOCUMENT", 2**20)
     path = rewritten(fmu, lambda name, content: content + b" " * 2**20 if name.endswith(".xml") else content)
     with pytest.raises(UserError, match=r"has a modelDescription.xml of 1 MiB, more than an FMU's has"):
         open_archive(path)
@@ -166,6 +259,35 @@ def test_a_description_whose_entities_explode_is_refused(fmu, root):
         open_archive(rewritten(fmu, explode))
     assert "\n" not in str(error.value)
     assert not list(root.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('valueReference="1" c', 'valueReference="0" c', "two variables have the value reference 0$"),
+        (
+            '<Dimension start="3"/>',
+            '<Dimension valueReference="77"/>',
+            "a dimension is the variable with the value reference 77, which does not exist$",
+        ),
+        (
+            '<Dimension start="3"/>',
+            '<Dimension start="1000000"/><Dimension start="1000000"/>',
+            "has variables of more than 200000 values, export it with fewer$",
+        ),
+    ],
+)
+def test_arrays_that_cannot_be_are_refused(tmp_path, root, old, new, message):
+    fmu = build_fmi3(tmp_path, "foreign", [Port("u", "input", 3), Port("y", "output")], "")
+    with pytest.raises(UserError, match=message):
+        open_archive(rewritten(fmu, lambda _, content: content.replace(old.encode(), new.encode())))
+    assert not list(root.iterdir())
+
+
+def test_variables_of_fmi_2_may_share_a_value_reference(tmp_path, root):
+    fmu = build(tmp_path, "foreign", outputs=["y", "alias"])
+    path = rewritten(fmu, lambda _, content: content.replace(b'valueReference="1"', b'valueReference="0"'))
+    assert [v.valueReference for v in open_archive(path).description.modelVariables] == [0, 0]
 
 
 def test_an_archive_with_too_many_entries_is_refused(fmu, root, monkeypatch):

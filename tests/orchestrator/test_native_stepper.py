@@ -13,10 +13,11 @@ import pytest
 from rotordx.orchestrator.component import ComponentError
 from rotordx.orchestrator.recording import SignalInfo
 from rotordx.orchestrator.stepper import Stepper
-from rotordx.orchestrator.variables import Element, Variable
+from rotordx.orchestrator.variables import ACCESS, Element, Variable
 from rotordx.orchestrator.wiring import Wiring
 
 STEP_SIZE = 0.1
+FLOAT64 = ACCESS[3]["Float64"]
 SET = CFUNCTYPE(c_int, c_void_p, POINTER(c_uint32), c_size_t, POINTER(c_double), c_size_t)
 DO_STEP = CFUNCTYPE(c_int, c_void_p, c_double, c_double, c_bool, *[POINTER(c_bool)] * 3, POINTER(c_double))
 
@@ -36,13 +37,13 @@ class Double:
         self.messages: list[str] = []
         self.times: list[float] = []
         self.value = math.nan
-        self.inputs = {"u": Variable("u", "Float64", "input", "1", "", None, (Element(7),), None, 0, 0, {})}
-        self.outputs = {"y": Variable("y", "Float64", "output", "1", "", None, (Element(9),), None, 0, 0, {})}
-        self.functions = {"fmi3SetFloat64": SET(self.set), "fmi3GetFloat64": SET(self.get)}
-        self.functions["fmi3DoStep"] = DO_STEP(self.step)
+        self.inputs = {"u": Variable("u", "Float64", FLOAT64, "input", "1", "", None, (Element(7),), None, 0, 0, {})}
+        self.outputs = {"y": Variable("y", "Float64", FLOAT64, "output", "1", "", None, (Element(9),), None, 0, 0, {})}
+        self.functions = {"SetFloat64": SET(self.set), "GetFloat64": SET(self.get)}
+        self.functions["DoStep"] = DO_STEP(self.step)
 
-    def function(self, fmi2: str, fmi3: str) -> c_void_p:
-        return cast(self.functions[fmi3], c_void_p)
+    def function(self, name: str) -> c_void_p:
+        return cast(self.functions[name], c_void_p)
 
     def failure(self, activity: str, time: float, status: int) -> ComponentError:
         return ComponentError(self.name, time, f"{activity}, status {status}", self.messages)
@@ -80,10 +81,10 @@ def test_time_is_never_summed_up():
 
 def test_external_rows_come_before_a_step_and_log_rows_after_it():
     stepper = stepper_of(Double())
-    external, log = np.arange(1.0, 8.0)[:, None], np.zeros((2, 2))
-    stepper.advance(3, 7, external=external, log=log, log_every=4)  # steps 4 to 10, of which 4 and 8 are logged
-    assert np.array_equal(log, [[1.0, 2.0], [5.0, 10.0]])
-    assert np.array_equal(stepper.bus, [7.0, 14.0])
+    external, log = np.arange(1.0, 9.0)[:, None], np.zeros((2, 2))
+    stepper.advance(2, 8, external=external, log=log, log_every=4)  # steps 3 to 10, of which 4 and 8 are logged
+    assert np.array_equal(log, [[2.0, 4.0], [6.0, 12.0]])
+    assert np.array_equal(stepper.bus, [8.0, 16.0])
 
 
 def test_external_signals_are_held_without_rows():

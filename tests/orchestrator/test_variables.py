@@ -25,7 +25,7 @@ def test_both_versions_of_an_fmu_have_the_same_ports(name):
     for port, variable in three.items():
         other = two[port]
         for field in dataclasses.fields(Variable):
-            if field.name not in ("type", "elements", "start"):
+            if field.name not in ("type", "access", "elements", "start"):
                 assert getattr(other, field.name) == getattr(variable, field.name), (port, field.name)
         assert str(other.start) == str(variable.start), port  # texts, as NaN is not equal to itself
         assert len(other.references) == other.size
@@ -54,3 +54,10 @@ def test_a_scenarios_settings_extend_and_replace_those_of_the_system():
     assert (extended.fmu, extended.fmi, extended.actual_vehicle) == ("plant", 2, True)
     assert extended.parameters == {"mass": 2.0, "seed": 1}
     assert {name: port.variables for name, port in extended.ports.items()} == {"a": ["b"], "c": ["d"]}
+
+
+def test_booleans_start_as_0_and_1(tmp_path):
+    path = tmp_path / "modelDescription.xml"
+    flags = [("off", "parameter", 0.0), ("on", "parameter", 1.0)]
+    path.write_text(model_description("a", flags, {"off": "Boolean", "on": "Boolean"}))
+    assert [variable.start for variable in variables_of(str(path)).values()] == [(0.0,), (1.0,)]

@@ -9,13 +9,15 @@ import pytest
 
 from rotordx.orchestrator.errors import UserError
 from rotordx.orchestrator.layout import Connection
-from rotordx.orchestrator.variables import Element, Variable
+from rotordx.orchestrator.variables import ACCESS, Element, Variable
 from rotordx.orchestrator.wiring import wire
+
+REAL = ACCESS[2]["Real"]
 
 
 def ports(causality: str, sizes: dict[str, int | None]) -> dict[str, Variable]:
     return {
-        name: Variable(name, "Real", causality, "m", "", size, (Element(0),), None, -math.inf, math.inf, {})
+        name: Variable(name, "Real", REAL, causality, "m", "", size, (Element(0),), None, -math.inf, math.inf, {})
         for name, size in sizes.items()
     }
 
@@ -24,6 +26,7 @@ def ports(causality: str, sizes: dict[str, int | None]) -> dict[str, Variable]:
 class Terminals:
     inputs: dict[str, Variable] = field(default_factory=dict)
     outputs: dict[str, Variable] = field(default_factory=dict)
+    variables: dict[str, Variable] = field(default_factory=dict)
 
 
 def component(inputs: dict[str, int | None] | None = None, outputs: dict[str, int | None] | None = None) -> Terminals:
@@ -111,6 +114,13 @@ def test_the_bus_holds_external_signals_first_then_outputs_as_declared():
 def test_mistakes_are_refused_by_name(connections, message):
     with pytest.raises(UserError, match=message):
         wire(CHAIN, connections)
+
+
+def test_what_is_no_number_is_not_connected():
+    text = Variable("label", "String", None, "input", "1", "", None, (Element(0),), None, -math.inf, math.inf, {})
+    components = {"a": component(outputs={"y": 3}), "b": Terminals(variables={"label": text})}
+    with pytest.raises(UserError, match=r"^connection to 'b.label': this is a String, only numbers are connected$"):
+        wire(components, [connect("a.y", "b.label")])
 
 
 def test_sizes_must_agree():

@@ -42,16 +42,18 @@ fmi3Status fmi3Reset(fmi3Instance c) {{
   for (int i = 0; i < COUNT; ++i) m->v[i] = 0;
   return fmi3OK;
 }}
-fmi3Status fmi3SetFloat64(fmi3Instance c, const unsigned r[], size_t n, const double v[], size_t values) {{
-  for (size_t i = 0; i < n; ++i)
-    for (int j = 0; j < size_of[r[i]]; ++j) ((Instance *)c)->v[offset_of[r[i]] + j] = *v++;
-  return fmi3OK;
-}}
-fmi3Status fmi3GetFloat64(fmi3Instance c, const unsigned r[], size_t n, double v[], size_t values) {{
-  for (size_t i = 0; i < n; ++i)
-    for (int j = 0; j < size_of[r[i]]; ++j) *v++ = ((Instance *)c)->v[offset_of[r[i]] + j];
-  return fmi3OK;
-}}
+#define ACCESS(Type)                                                                                                  \
+  fmi3Status fmi3Set##Type(fmi3Instance c, const unsigned r[], size_t n, const fmi3##Type v[], size_t values) {{      \
+    for (size_t i = 0; i < n; ++i)                                                                                    \
+      for (int j = 0; j < size_of[r[i]]; ++j) ((Instance *)c)->v[offset_of[r[i]] + j] = *v++;                         \
+    return fmi3OK;                                                                                                    \
+  }}                                                                                                                  \
+  fmi3Status fmi3Get##Type(fmi3Instance c, const unsigned r[], size_t n, fmi3##Type v[], size_t values) {{            \
+    for (size_t i = 0; i < n; ++i)                                                                                    \
+      for (int j = 0; j < size_of[r[i]]; ++j) *v++ = ((Instance *)c)->v[offset_of[r[i]] + j];                         \
+    return fmi3OK;                                                                                                    \
+  }}
+{access}
 fmi3Status fmi3DoStep(fmi3Instance c, double time, double h, fmi3Boolean no_prior, fmi3Boolean *event,
                       fmi3Boolean *terminate, fmi3Boolean *early, double *last) {{
   Instance *m = c;
@@ -63,16 +65,25 @@ fmi3Status fmi3DoStep(fmi3Instance c, double time, double h, fmi3Boolean no_prio
 
 
 @dataclass(frozen=True)
-class Float64:
+class Port:
     """A variable: a scalar (`size` None) or an array."""
 
     name: str
     causality: str
     size: int | None = None
     unit: str = ""
+    type: str = "Float64"
+
+    @property
+    def access(self) -> str:
+        """What FMI's functions for it are called."""
+        return "Int64" if self.type == "Enumeration" else self.type
 
 
-def build(folder: Path, name: str, variables: Sequence[Float64], step: str, units: str = "", source: str = "") -> Path:
+Float64 = Port  #: the type that a port has unless another one is named
+
+
+def build(folder: Path, name: str, variables: Sequence[Port], step: str, units: str = "", source: str = "") -> Path:
     """Write `folder/name.fmu`.
 
     Args:
@@ -90,6 +101,7 @@ def build(folder: Path, name: str, variables: Sequence[Float64], step: str, unit
         count=sum(sizes),
         offsets=", ".join(map(str, offsets)),
         sizes=", ".join(map(str, sizes)),
+        access="\n".join(f"ACCESS({access})" for access in sorted({v.access for v in variables})),
         step=step,
     )
     (folder / f"{name}.c").write_text(source)
@@ -103,15 +115,17 @@ def build(folder: Path, name: str, variables: Sequence[Float64], step: str, unit
     return path
 
 
-def _description(name: str, variables: Sequence[Float64], units: str) -> str:
+def _description(name: str, variables: Sequence[Port], units: str) -> str:
     declared, outputs = "", ""
     for reference, v in enumerate(variables):
         unit = f' unit="{v.unit}"' if v.unit else ""
-        start = ' start="0"' if v.causality != "output" else ""
+        value = "false" if v.type == "Boolean" else "0"
+        start = f' start="{value}"' if v.causality != "output" else ""
+        start += ' declaredType="Rotor"' if v.type == "Enumeration" else ""
         dimension = f'<Dimension start="{v.size}"/>' if v.size else ""
         declared += (
-            f'<Float64 name="{v.name}" valueReference="{reference}" causality="{v.causality}"{unit}{start}>'
-            f"{dimension}</Float64>"
+            f'<{v.type} name="{v.name}" valueReference="{reference}" causality="{v.causality}"{unit}{start}>'
+            f"{dimension}</{v.type}>"
         )
         if v.causality == "output":
             outputs += f'<Output valueReference="{reference}"/>'
@@ -119,6 +133,9 @@ def _description(name: str, variables: Sequence[Float64], units: str) -> str:
         f'<Float64 name="time" valueReference="{len(variables)}" causality="independent" variability="continuous"/>'
     )
     definitions = f"<UnitDefinitions>{units}</UnitDefinitions>" if units else ""
+    if any(v.type == "Enumeration" for v in variables):
+        items = "".join(f'<Item name="r{value}" value="{value}"/>' for value in range(-1, 5))
+        definitions += f'<TypeDefinitions><EnumerationType name="Rotor">{items}</EnumerationType></TypeDefinitions>'
     return (
         f'<?xml version="1.0" encoding="UTF-8"?><fmiModelDescription fmiVersion="3.0" modelName="{name}" '
         f'instantiationToken="foreign"><CoSimulation modelIdentifier="{name}" '
