@@ -40,7 +40,9 @@ def run_command(
     overrides: tuple[str, ...],
     out: Path | None,
 ) -> None:
-    """Fly SCENARIO, a packaged name or a TOML file, and write summary.json, timeseries.parquet and report.html.
+    """Fly SCENARIO: a packaged name, a TOML file or an SSP archive.
+
+    It writes summary.json, timeseries.parquet and report.html.
 
     \b
     Examples:

@@ -7,31 +7,25 @@ connection from a later element to an earlier one carries the value from the end
 from __future__ import annotations
 
 import math
-import re
-from collections import defaultdict
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping, Sequence
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
 
-from rotordx.fmus import component_names, diagnoser_ids, fmu_path, vehicle_names
-from rotordx.orchestrator.archive import extract, open_archive
-from rotordx.orchestrator.errors import UserError
+from rotordx.fmus import component_names, diagnoser_ids, load_component, vehicle_names
+from rotordx.fmus.esc.ports import FAULT_SLOTS
+from rotordx.fmus.shell.model_description import token
+from rotordx.fmus.shell.ports import started
 from rotordx.orchestrator.parameters import FAULT_PARAMETERS, FAULT_SLOT_STARTS
 from rotordx.orchestrator.scenario import PROFILES
-from rotordx.orchestrator.variables import Variable, read_variables
-
-NAMESPACES = {
-    "ssd": "http://ssp-standard.org/SSP1/SystemStructureDescription",
-    "ssv": "http://ssp-standard.org/SSP1/SystemStructureParameterValues",
-    "ssc": "http://ssp-standard.org/SSP1/SystemStructureCommon",
-    "osp": "http://opensimulationplatform.com/SSP/OSPAnnotations",
-}
-OSP = "com.opensimulationplatform"  #: annotation that holds the step size, which SSP has no element for
-ROTORDX = "org.rotordx"  #: annotation that holds the vehicle's name
+from rotordx.orchestrator.ssp_archive import NAMESPACES, ROTORDX, SspArchive
+from rotordx.orchestrator.ssp_connections import Connectors, Wire, connected
+from rotordx.orchestrator.ssp_elements import Fmu, Subsystem, elements
+from rotordx.orchestrator.ssp_parameters import Given
+from rotordx.orchestrator.variables import Variable
 
 _WHOLE = {"seed": "seed", "step_size": "step_size_s"}  # parameters that follow from fields of the scenario
-_ELEMENT = re.compile(r"(.+)\[(\d+)\]")
 
 
 def scenario_document(path: Path) -> dict[str, Any]:
@@ -42,218 +36,181 @@ def scenario_document(path: Path) -> dict[str, Any]:
     Raises:
         UserError: it is no SSP 1.0 archive, or holds what cannot be flown here.
     """
-    folder = extract(path, "an SSP archive")
-    try:
-        root = ET.parse(folder / "SystemStructure.ssd").getroot()
-    except (OSError, ET.ParseError) as error:
-        raise UserError(f"{path} is not an SSP archive: its SystemStructure.ssd cannot be read ({error})") from error
+    archive = SspArchive(path)
+    root = archive.document("SystemStructure.ssd", "ssd:SystemStructureDescription")
     top = root.find("ssd:System", NAMESPACES)
     if top is None:
-        raise UserError(f"{path}: its SystemStructure.ssd has no System")
-    elements = top.findall("ssd:Elements/*", NAMESPACES)
-    for element in elements:
-        if element.tag != _tag("Component") or element.get("type", _FMU) != _FMU:
-            raise UserError(
-                f"{path}: the element {element.get('name')} is no FMU, systems within systems are not supported"
-            )
-    names = [element.get("name", "") for element in elements]
-    sources = {name: _source(path, folder, element) for name, element in zip(names, elements, strict=True)}
-    known = {name: _variables(name, fmu) for name, fmu in sources.items()}
-    values = {
-        name: _parameters(
-            path, known[name], _values(path, folder, element, "") | _values(path, folder, top, f"{name}.")
-        )
-        for name, element in zip(names, elements, strict=True)
-    }
-    connections, split = _connections(path, top, known)
-    document: dict[str, Any] = {"system": "replay", "duration_s": _stop_time(path, root), "connections": connections}
-    document |= _whole(values) | _step(root) | _vehicle(top)
-    document["diagnosers"] = [name for name in names if "fault_detected" in known[name]]
-    document["components"] = {
-        name: _fmu(sources[name]) | {"parameters": values[name], "ports": split.get(name, {})} for name in names
-    }
-    return document
+        raise archive.error("its SystemStructure.ssd has no System")
+    found = list(elements(archive, top))
+    systems = [element for element in found if isinstance(element, Subsystem)]
+    fmus = [element for element in found if isinstance(element, Fmu)]
+    order = {fmu.name: i for i, fmu in enumerate(fmus)}
+    if len(order) < len(fmus):
+        raise archive.error("the names of two elements differ in signs only, give one of them another name")
+    connectors = Connectors(archive, systems, fmus, archive.units(root.find("ssd:Units", NAMESPACES)))
+    components: dict[str, Any] = {}
+    connections: list[dict[str, Any]] = []
+    values: dict[str, dict[str, Any]] = {}
+    for fmu in fmus:
+        feeders = dict(connectors.feeders(fmu))
+        given = _bound(fmu, systems) | {name: f for name, f in feeders.items() if isinstance(f, Given)}
+        wires = {name: f for name, f in feeders.items() if isinstance(f, Wire)}
+        _check(archive, fmu, feeders)
+        own_connections, ports = connected(fmu, wires, order)
+        connections += own_connections
+        values[fmu.name] = _parameters(archive, fmu, given)
+        components[fmu.name] = _installed(fmu) | {"parameters": values[fmu.name], "ports": ports}
+    document: dict[str, Any] = {"system": "replay", "duration_s": _stop_time(archive, root), "connections": connections}
+    document |= _whole(archive, values, _step(archive, root)) | _vehicle(top)
+    document["diagnosers"] = [fmu.name for fmu in fmus if "fault_detected" in fmu.variables]
+    return document | {"components": components}
 
 
-_FMU = "application/x-fmu-sharedlibrary"
+def _installed(fmu: Fmu) -> dict[str, Any]:
+    """Settings of an FMU: the installed one in place of one that says it is ours, any other by its path.
+
+    What an archive says of itself proves nothing: its libraries are never loaded into this process. An FMU of ours is
+    known by its token, which stands for its version, ports and start values.
+    """
+    name = str(fmu.description.modelName)
+    if name not in [*component_names(), *diagnoser_ids()]:
+        return {"fmu": str(fmu.file)}
+    starts: dict[str, float | None] = {}
+    for variable in fmu.variables.values():
+        starts |= zip(_scalars(variable), _starts(variable), strict=True)
+    try:
+        declared = started(load_component(name), {scalar: v for scalar, v in starts.items() if v is not None})
+    except ValueError:
+        return {"fmu": str(fmu.file)}
+    known = {scalar for _, _, port in declared.variables() for scalar in port.element_names()}
+    if known == starts.keys() - {"time"} and token(declared, version("rotordx")) == fmu.description.guid:
+        return {"fmu": name, "fmi": int(fmu.description.fmiVersion[0])}
+    return {"fmu": str(fmu.file)}
 
 
-def _tag(name: str, prefix: str = "ssd") -> str:
-    return f"{{{NAMESPACES[prefix]}}}{name}"
-
-
-def _source(path: Path, folder: Path, element: ET.Element) -> Path:
-    """The FMU of an element."""
-    source = element.get("source", "")
-    fmu = (folder / source).resolve()
-    if not fmu.is_relative_to(folder.resolve()) or not fmu.is_file():
-        raise UserError(f"{path}: the source {source!r} of {element.get('name')} is not in the archive")
-    return fmu
-
-
-def _variables(name: str, fmu: Path) -> dict[str, Variable]:
-    return read_variables(open_archive(fmu).description, {}, name)
-
-
-def _fmu(path: Path) -> dict[str, Any]:
-    """Settings of an FMU: one of ours under its name, so that it need not be isolated, any other by its path."""
-    content = path.read_bytes()
-    for name in [*component_names(), *diagnoser_ids()]:
-        for fmi in (2, 3):
-            if fmu_path(name, fmi).read_bytes() == content:
-                return {"fmu": name, "fmi": fmi}
-    return {"fmu": str(path)}
-
-
-def _values(path: Path, folder: Path, element: ET.Element, prefix: str) -> dict[str, str]:
-    """Values that the parameter bindings of an element or a system state, of names with a prefix, which is left out."""
-    values: dict[str, str] = {}
-    for binding in element.findall("ssd:ParameterBindings/ssd:ParameterBinding", NAMESPACES):
-        if binding.find("ssd:ParameterMapping", NAMESPACES) is not None:
-            raise UserError(f"{path}: parameter mappings are not supported, bind the parameters under their own names")
-        parameters = binding.find("ssd:ParameterValues/ssv:ParameterSet", NAMESPACES)
-        if parameters is None:
-            parameters = _parameter_set(path, folder, binding.get("source", ""))
-        for parameter in parameters.findall("ssv:Parameters/ssv:Parameter", NAMESPACES):
-            name = binding.get("prefix", "") + parameter.get("name", "")
-            if name.startswith(prefix) and len(parameter):
-                values[name.removeprefix(prefix)] = parameter[0].get("value", "")
+def _bound(fmu: Fmu, systems: Sequence[Subsystem]) -> dict[str, Given]:
+    """Values that parameter bindings give to the variables of an FMU; those of the outer systems count most."""
+    values = dict(fmu.values)
+    around = [system for system in systems if system.path == fmu.path[: len(system.path)]]
+    for system in sorted(around, key=lambda system: -len(system.path)):
+        prefix = ".".join(fmu.path[len(system.path) :]) + "."
+        values |= {name.removeprefix(prefix): given for name, given in system.values.items() if name.startswith(prefix)}
     return values
 
 
-def _parameter_set(path: Path, folder: Path, source: str) -> ET.Element:
-    file = (folder / source).resolve()
-    try:
-        if not file.is_relative_to(folder.resolve()):
-            raise OSError("it leads out of the archive")
-        return ET.parse(file).getroot()
-    except (OSError, ET.ParseError) as error:
-        raise UserError(f"{path}: the parameter set {source!r} cannot be read: {error}") from error
-
-
-def _parameters(path: Path, variables: Mapping[str, Variable], given: Mapping[str, str]) -> dict[str, Any]:
-    """Every parameter of an FMU that has a value: the given one, else its start value."""
-    parameters: dict[str, Any] = {}
-    for name, variable in variables.items():
-        if variable.causality != "parameter":
+def _check(archive: SspArchive, fmu: Fmu, feeders: Mapping[str, Wire | Given]) -> None:
+    """Refuse what is connected but cannot be."""
+    for connector, feeder in feeders.items():
+        variable = fmu.variable(connector)
+        name = f"{'.'.join(fmu.path)}.{connector}"
+        if variable is None:
             continue
-        starts = variable.start or (None,) * variable.size
-        scalars = [name] if variable.shape is None else [f"{name}[{i + 1}]" for i in range(variable.size)]
-        elements = [
-            start if scalar not in given else _value(path, variable, scalar, given[scalar])
-            for scalar, start in zip(scalars, starts, strict=True)
+        if isinstance(feeder, Wire) and variable.causality == "parameter":
+            raise archive.error(f"the parameter {name} is connected to an output, give it a value instead")
+        if isinstance(feeder, Given) and variable.causality == "input" and variable.is_number:
+            raise archive.error(
+                f"the input {name} is fed from outside the system with a constant, which is not supported: connect it "
+                "to the output of an FMU"
+            )
+
+
+def _scalars(variable: Variable) -> list[str]:
+    """Names of the elements of a variable."""
+    return [variable.name] if variable.shape is None else [f"{variable.name}[{i + 1}]" for i in range(variable.size)]
+
+
+def _starts(variable: Variable) -> Sequence[float | None]:
+    """Start values of the elements of a variable, None where there are none."""
+    if variable.start is None or len(variable.start) != variable.size:
+        return [None] * variable.size
+    return variable.start
+
+
+def _parameters(archive: SspArchive, fmu: Fmu, given: Mapping[str, Given]) -> dict[str, Any]:
+    """Every parameter of an FMU that has a value, and inputs that are given one: the given one, else its start."""
+    parameters: dict[str, Any] = {}
+    for name, variable in fmu.variables.items():
+        settable = variable.causality == "input" and not variable.is_number
+        if variable.causality != "parameter" and not (settable and any(s in given for s in _scalars(variable))):
+            continue
+        values = [
+            given[scalar].value(archive, variable, scalar) if scalar in given else _named(variable, start)
+            for scalar, start in zip(_scalars(variable), _starts(variable), strict=True)
         ]
-        if None not in elements:
-            parameters[name] = elements[0] if variable.shape is None else elements
+        if None not in values:
+            parameters[name] = values[0] if variable.shape is None else values
     return parameters
 
 
-def _value(path: Path, variable: Variable, name: str, text: str) -> Any:
-    if variable.type == "String" or text in variable.choices:
-        return text
-    try:
-        return {"true": True, "false": False}[text] if variable.type == "Boolean" else float(text)
-    except (KeyError, ValueError):
-        raise UserError(f"{path}: the parameter {name} is {text!r}, but must be a {variable.type}") from None
+def _named(variable: Variable, start: float | None) -> Any:
+    """A start value as a scenario has it: enumerations by name, true or false for booleans."""
+    if variable.type == "Boolean" and start is not None:
+        return bool(start)
+    return next((name for name, value in variable.choices.items() if value == start), start)
 
 
-def _connections(
-    path: Path, top: ET.Element, known: Mapping[str, Mapping[str, Variable]]
-) -> tuple[list[dict[str, Any]], dict[str, dict[str, str]]]:
-    """Connections between ports, and by component the arrays that have to be split: port -> variable.
+def _whole(archive: SspArchive, values: Mapping[str, dict[str, Any]], step: float | None) -> dict[str, Any]:
+    """Fields of the scenario as a whole, taken out of the parameters: faults, seed and step size.
 
-    Arrays are connected element by element in SSP; those whose elements come in order from one array are joined.
+    A component whose seed or step size is another than that of the first one keeps it.
     """
-    by_port: dict[tuple[str, str], dict[int, tuple[str, str]]] = defaultdict(dict)
-    for connection in top.findall("ssd:Connections/ssd:Connection", NAMESPACES):
-        ends = [connection.get(key, "") for key in ("startElement", "startConnector", "endElement", "endConnector")]
-        if not ends[0] or not ends[2]:
-            raise UserError(
-                f"{path}: the system's own connector {ends[1] or ends[3]} is connected, nothing is outside here"
-            )
-        for transformation in connection.findall("ssc:LinearTransformation", NAMESPACES):
-            raise UserError(
-                f"{path}: the connection to {ends[2]}.{ends[3]} has a {transformation.tag.partition('}')[2]}, which is "
-                "not supported; scale the port in a scenario instead"
-            )
-        last = known.get(ends[2], {}).get(_place(ends[3], known.get(ends[2], {}))[0])
-        if last is not None and last.causality == "output":
-            ends = [*ends[2:], *ends[:2]]  # SSP does not say which end is the output
-        port, index = _place(ends[3], known.get(ends[2], {}))
-        by_port[ends[2], port][index] = (ends[0], ends[1])
-    order = {name: i for i, name in enumerate(known)}
-    connections, split = [], defaultdict[str, dict[str, str]](dict)
-    for (name, port), sources in by_port.items():
-        for target, source in _joined(port, sources, name, known):
-            if target != port:
-                split[name][target] = target
-            later = order.get(source[0], 0) > order.get(name, 0)
-            connections.append({"from": ".".join(source), "to": f"{name}.{target}", "previous_step": later})
-    return connections, split
-
-
-def _place(connector: str, variables: Mapping[str, Variable]) -> tuple[str, int]:
-    """Port and index of a connector; an unknown one is left to the wiring to refuse."""
-    match = _ELEMENT.fullmatch(connector)
-    if connector not in variables and match and match[1] in variables:
-        return match[1], int(match[2])
-    return connector, 0
-
-
-def _joined(
-    port: str, sources: Mapping[int, tuple[str, str]], name: str, known: Mapping[str, Mapping[str, Variable]]
-) -> Iterator[tuple[str, tuple[str, str]]]:
-    """(target port, (component, source port)): the whole array if it can be, else its elements."""
-    variable = known.get(name, {}).get(port)
-    places = {index: _place(source[1], known.get(source[0], {})) for index, source in sources.items()}
-    components, ports = {source[0] for source in sources.values()}, {place[0] for place in places.values()}
-    if variable is None or variable.shape is None:
-        yield from ((port, source) for source in sources.values())
-        return
-    if len(components) == len(ports) == 1 and all(places.get(i, ("", 0))[1] == i for i in range(1, variable.size + 1)):
-        [component], [source_port] = components, ports
-        if known[component][source_port].size == variable.size:
-            yield port, (component, source_port)
-            return
-    yield from ((f"{port}[{index}]", source) for index, source in sources.items())
-
-
-def _whole(values: dict[str, dict[str, Any]]) -> dict[str, Any]:
-    """Fields of the scenario as a whole, taken out of the parameters: faults, seed and step size."""
-    fields: dict[str, Any] = {}
+    fields: dict[str, Any] = {} if step is None else {"step_size_s": step}
     for parameters in values.values():
-        faults = {field: parameters.pop(name) for field, name in FAULT_PARAMETERS.items() if name in parameters}
-        if "rotor" in faults:
-            fields["faults"] = [_fault(faults, i) for i, rotor in enumerate(faults["rotor"]) if rotor]
+        slots = [parameters.get(name) for name in FAULT_PARAMETERS.values()]
+        if all(isinstance(column, list) and len(column) == FAULT_SLOTS for column in slots):
+            faults = {field: parameters.pop(name) for field, name in FAULT_PARAMETERS.items()}
+            fields["faults"] = [_fault(archive, faults, i) for i, rotor in enumerate(faults["rotor"]) if rotor]
         for name, field in _WHOLE.items():
-            if name in parameters:
-                value = parameters.pop(name)
-                fields[field] = int(value) if name == "seed" else value
+            value = parameters.get(name)
+            if isinstance(value, int | float):
+                fields.setdefault(field, _number_or_integer(value) if name == "seed" else value)
+                if fields[field] == value:
+                    del parameters[name]
     return fields
 
 
-def _fault(columns: Mapping[str, list[float]], slot: int) -> dict[str, Any]:
+def _number_or_integer(value: float) -> float:
+    """The number as an integer if it is one; if it should be, a scenario says so."""
+    return int(value) if math.isfinite(value) and value == int(value) else value
+
+
+def _fault(archive: SspArchive, columns: Mapping[str, list[float]], slot: int) -> dict[str, Any]:
     """A fault from its slot; a field that holds what an unused one holds was not given."""
     fault: dict[str, Any] = {}
     for field, name in FAULT_PARAMETERS.items():
         value = columns[field][slot]
         if field in ("rotor", "onset_s", "loss_of_effectiveness") or value != FAULT_SLOT_STARTS[name][slot]:
             fault[field] = value
-    fault["rotor"] = int(fault["rotor"])
-    return fault | ({"profile": PROFILES[int(fault["profile"])]} if "profile" in fault else {})
+    fault["rotor"] = _number_or_integer(fault["rotor"])
+    if "profile" in fault:
+        if fault["profile"] not in range(len(PROFILES)):
+            raise archive.error(
+                f"fault_profile[{slot + 1}] is {fault['profile']:g}, but must be 0 to {len(PROFILES) - 1}"
+            )
+        fault["profile"] = PROFILES[int(fault["profile"])]
+    return fault
 
 
-def _stop_time(path: Path, root: ET.Element) -> float:
+def _stop_time(archive: SspArchive, root: ET.Element) -> float:
     experiment = root.find("ssd:DefaultExperiment", NAMESPACES)
-    stop = float(experiment.get("stopTime", "nan")) if experiment is not None else math.nan
-    if not math.isfinite(stop):
-        raise UserError(f"{path}: its DefaultExperiment states no stopTime, add --set duration_s=60")
+    stop = _number(archive, experiment, "stopTime")
+    if stop is None or not math.isfinite(stop):
+        raise archive.error("its DefaultExperiment states no stopTime, add --set duration_s=60")
     return stop
 
 
-def _step(root: ET.Element) -> dict[str, float]:
-    algorithm = root.find(".//osp:FixedStepAlgorithm", NAMESPACES)
-    return {"step_size_s": float(algorithm.get("baseStepSize", "nan"))} if algorithm is not None else {}
+def _step(archive: SspArchive, root: ET.Element) -> float | None:
+    """The step size that an annotation states."""
+    osp = _number(archive, root.find(".//osp:FixedStepAlgorithm", NAMESPACES), "baseStepSize")
+    return osp or _number(archive, root.find(".//oms:FixedStepMaster", NAMESPACES), "stepSize")
+
+
+def _number(archive: SspArchive, element: ET.Element | None, attribute: str) -> float | None:
+    text = element.get(attribute) if element is not None else None
+    try:
+        return float(text) if text is not None else None
+    except ValueError:
+        raise archive.error(f"{attribute} is {text!r}, but must be a number") from None
 
 
 def _vehicle(top: ET.Element) -> dict[str, str]:

@@ -74,7 +74,7 @@ def fmi2_description(component: Component, version: str) -> bytes:
     for p, types in _enumerations(root, component):
         _items(ET.SubElement(ET.SubElement(types, "SimpleType", name=_type_name(p)), "Enumeration"), p)
     _log_categories(root)
-    _default_experiment(root)
+    _default_experiment(root, component)
     variables = ET.SubElement(root, "ModelVariables")
     for offset, causality, p in component.variables():
         for i, name in enumerate(p.element_names()):
@@ -100,7 +100,7 @@ def fmi3_description(component: Component, version: str) -> bytes:
     for p, types in _enumerations(root, component):
         _items(ET.SubElement(types, "EnumerationType", name=_type_name(p)), p)
     _log_categories(root)
-    _default_experiment(root)
+    _default_experiment(root, component)
     variables = ET.SubElement(root, "ModelVariables")
     for offset, causality, p in component.variables():
         attributes = {"name": p.name, "valueReference": str(offset)} | _variable(component, causality, p)
@@ -175,8 +175,8 @@ def _log_categories(root: ET.Element) -> None:
     ET.SubElement(categories, "Category", name="logEvents", description="life cycle, sent if debug logging is on")
 
 
-def _default_experiment(root: ET.Element) -> None:
-    ET.SubElement(root, "DefaultExperiment", startTime="0", stopTime=_STOP_TIME, stepSize=repr(STEP_SIZE.start[0]))
+def _default_experiment(root: ET.Element, component: Component) -> None:
+    ET.SubElement(root, "DefaultExperiment", startTime="0", stopTime=_STOP_TIME, stepSize=repr(component.step_size))
 
 
 def _variable(component: Component, causality: str, p: Port) -> dict[str, str]:

@@ -141,7 +141,8 @@ class Component:
     a step; their values at initialisation follow from the parameters, and also from the inputs if
     `initial_outputs_from_inputs` (a sensor shows what it is connected to), or are the declared start values if
     `constant_initial_outputs`. With `tunable_parameters` every parameter but `step_size` may change between steps and
-    acts from the next step on; otherwise parameters are fixed once the FMU is initialised.
+    acts from the next step on; otherwise parameters are fixed once the FMU is initialised. `step_size` is where the
+    parameter of that name starts [s].
 
     Raises:
         ValueError: if a declaration is inconsistent; the message names the component and the port.
@@ -155,6 +156,7 @@ class Component:
     initial_outputs_from_inputs: bool = False
     constant_initial_outputs: bool = False
     tunable_parameters: bool = False
+    step_size: float = STEP_SIZE.start[0]
 
     def __post_init__(self) -> None:
         names = set()
@@ -170,7 +172,7 @@ class Component:
     def groups(self) -> Iterator[tuple[str, str, tuple[Port, ...]]]:
         """(group name, causality, ports) in memory order: inputs, step size, parameter classes, outputs."""
         yield "inputs", "input", table(self.inputs)
-        yield "step_size", "parameter", (STEP_SIZE,)
+        yield "step_size", "parameter", (dataclasses.replace(STEP_SIZE, start=(self.step_size,)),)
         for cls in self.parameters:
             yield cls.__name__, "parameter", table(cls)
         yield "outputs", "output", table(self.outputs)
@@ -182,6 +184,27 @@ class Component:
             for p in group:
                 yield offset, causality, p
                 offset += p.size
+
+
+def started(component: Component, starts: Mapping[str, float]) -> Component:
+    """The component with parameters that start elsewhere.
+
+    Args:
+        component: declarations.
+        starts: start values by the names of elements ("mass", "gain[2]"); names of no parameter are passed over.
+
+    Raises:
+        ValueError: a start value is not possible.
+    """
+    parameters = tuple(
+        with_starts(
+            cls,
+            {p.name: [starts.get(n, s) for n, s in zip(p.element_names(), p.start, strict=True)] for p in table(cls)},
+        )
+        for cls in component.parameters
+    )
+    step_size = starts.get(STEP_SIZE.name, component.step_size)
+    return dataclasses.replace(component, parameters=parameters, step_size=step_size)
 
 
 def _problem(p: Port, causality: str) -> str | None:

@@ -2,77 +2,137 @@
 
 SSP 1.0 knows scalars only, so that the FMUs in it are those of FMI 2. Elements stand in the order of computation; a
 tool that steps them all with the values of the step before adds a step of delay to every connection that goes forward.
+
+Names and annotations are also what OMSimulator reads: elements and connectors of the system are identifiers of C, and
+its annotation is the first one of the system.
 """
 
 from __future__ import annotations
 
-import dataclasses
 import io
-from collections.abc import Iterator, Mapping, Sequence
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
+from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
 
 from rotordx.fmus import load_component
 from rotordx.fmus.shell.pack import pack
-from rotordx.fmus.shell.ports import with_starts
-from rotordx.fmus.vehicles import load_vehicle
-from rotordx.orchestrator.component import Component
+from rotordx.fmus.shell.ports import started
+from rotordx.fmus.vehicles import Vehicle, load_vehicle
 from rotordx.orchestrator.errors import UserError
 from rotordx.orchestrator.export import fmu_export
 from rotordx.orchestrator.export.fmu_compiler import chosen_platforms
-from rotordx.orchestrator.layout import load_layout
+from rotordx.orchestrator.layout import ComponentSettings, load_layout
 from rotordx.orchestrator.parameters import parameter_values
 from rotordx.orchestrator.scenario import Scenario
+from rotordx.orchestrator.ssp_archive import NAMESPACES, OPENMODELICA, OSP, ROTORDX, tag
 from rotordx.orchestrator.system import System
-from rotordx.orchestrator.system_structure import NAMESPACES, OSP, ROTORDX
-from rotordx.orchestrator.units import BASE_UNITS, Unit
-from rotordx.orchestrator.variables import Element, Variable
+from rotordx.orchestrator.units import BASE_UNITS, Unit, declared_units
+from rotordx.orchestrator.variables import Element, Variable, read_variables
 from rotordx.orchestrator.wiring import EXTERNAL
 
+Values = Mapping[str, Sequence[Any]]  # elements of parameters
+Parameter = tuple[str, Variable, Any]  # name in the FMU, variable, value
+_TYPES = ("Real", "Integer", "Boolean", "String")
 
-def contents(scenario: Scenario) -> dict[str, bytes]:
+
+def contents(
+    scenario: Scenario, *, outputs: bool = False, report: Callable[[str], None] = lambda _: None
+) -> dict[str, bytes]:
     """Files of an SSP archive: name -> contents.
+
+    Args:
+        scenario: what is flown.
+        outputs: whether all outputs of the FMUs are outputs of the system too, as a container FMU needs it; Ecos and
+            libcosim refuse such archives.
+        report: is told what takes time.
 
     Raises:
         UserError: the scenario is impossible, or SSP 1.0 cannot express it.
         ComponentError: an FMU cannot be loaded.
+        RunError: an FMU cannot be compiled.
     """
+    written: dict[str, bytes] = {}
     with System(_of_fmi2(scenario)) as system:
-        names = {name: _scalars(name, system) for name in system.components}
-        root = _root(scenario, system, names)
-        written = {"SystemStructure.ssd": _document(root)}
+        settings = system.settings(scenario)
+        descriptions = {name: _Described(name, system, settings[name]) for name in system.components}
+        written["SystemStructure.ssd"] = _document(_root(scenario, system, descriptions, outputs))
         vehicle = load_vehicle(scenario.vehicle)
-        values = parameter_values(scenario, system.settings(scenario), system.components, vehicle, vehicle)
-        for name, component in system.components.items():
-            written[f"resources/{name}.fmu"] = _fmu(scenario, system, name, values[name])
-            written[f"resources/{name}.ssv"] = _parameter_set(name, component, values[name], names[name])
+        values = parameter_values(scenario, settings, system.components, vehicle, vehicle)
+        for i, (name, described) in enumerate(descriptions.items(), start=1):
+            fmu, given = str(settings[name].fmu), values[name]
+            if fmu.endswith(".fmu"):
+                parameters = list(described.parameter_elements(given))
+                content = _foreign(name, system.archives[name].path, parameters)
+            else:
+                starts = {key: variable.start for key, variable in described.parameters.items() if variable.start}
+                parameters = list(described.parameter_elements(starts | given))
+                place = f"{i} of {len(descriptions)}: "
+                content = _own(fmu, vehicle, parameters, partial(_prefixed, report, place))
+            written[f"resources/{name}.fmu"] = content
+            written[f"resources/{name}.ssv"] = _parameter_set(parameters)
     return written
 
 
-def _fmu(scenario: Scenario, system: System, name: str, values: Mapping[str, Sequence[Any]]) -> bytes:
-    """Bytes of a component's FMU; one of ours is built anew if an enumeration does not start at its value.
+def _prefixed(report: Callable[[str], None], prefix: str, text: str) -> None:
+    report(prefix + text)
 
-    Other tools cannot set enumerations: Ecos and libcosim do not know them, so that no parameter set has one.
-    """
-    archive, parameters = system.archives[name], system.components[name].parameters
-    enumerations = {key: elements[0] for key, elements in values.items() if parameters[key].choices}
-    if all(parameters[key].start == (float(value),) for key, value in enumerations.items()):
-        return archive.path.read_bytes()
-    fmu = str(system.settings(scenario)[name].fmu)
-    if fmu.endswith(".fmu"):
-        raise UserError(f"components.{name}.parameters.{min(enumerations)}: other tools cannot set the enumeration, "
-                        "leave it at its start value")  # fmt: skip
-    component = load_component(fmu)
-    started = dataclasses.replace(
-        component, parameters=tuple(with_starts(c, enumerations) for c in component.parameters)
-    )
-    here = chosen_platforms(None, 2)
-    files = fmu_export.contents(
-        started, load_vehicle(scenario.vehicle), 2, here, with_sources=False, report=lambda _: None
-    )
+
+class _Described:
+    """A component as its FMU describes it, which an isolated one does not."""
+
+    def __init__(self, name: str, system: System, settings: ComponentSettings):
+        archive, component = system.archives[name], system.components[name]
+        if archive.fmi != 2:
+            raise UserError(f"components.{name} is an FMU of FMI 3, which SSP 1.0 does not know: use one of FMI 2")
+        variables = read_variables(archive.description, settings.ports, name)
+        self.inputs = {port: variables[port] for port in component.inputs}
+        self.outputs = {port: variables[port] for port in component.outputs}
+        self.parameters = {port: variables[port] for port in component.parameters}
+        self._declared = {(v.type, v.valueReference): v for v in reversed(archive.description.modelVariables)}
+        self._units = declared_units(archive.description)
+
+    def name(self, variable: Variable, element: Element) -> str:
+        """Of an element of a port in the FMU."""
+        name: str = self._declared[variable.type, element.reference].name
+        return name
+
+    def unit(self, variable: Variable, element: Element) -> tuple[str, Unit] | None:
+        """Of the FMU's values; None if it is not known."""
+        declared = self._declared[variable.type, element.reference]
+        name: str = declared.unit or (declared.declaredType.unit if declared.declaredType else None) or ""
+        unit = self._units.get(name)
+        return (name, unit) if unit is not None else None
+
+    def parameter_elements(self, values: Values) -> Iterator[Parameter]:
+        """Each element of parameters."""
+        for key, elements in values.items():
+            variable = self.parameters[key]
+            for element, value in zip(variable.elements, elements, strict=True):
+                yield self.name(variable, element), variable, value
+
+
+def _own(fmu: str, vehicle: Vehicle, parameters: Sequence[Parameter], report: Callable[[str], None]) -> bytes:
+    """One of our FMUs, whose parameters start at their values: some tools take no notice of parameter sets."""
+    component = started(load_component(fmu), {name: float(value) for name, _, value in parameters})
+    files = fmu_export.contents(component, vehicle, 2, chosen_platforms(None, 2), with_sources=False, report=report)
     packed = io.BytesIO()
     pack(packed, files)
     return packed.getvalue()
+
+
+def _foreign(name: str, path: Path, parameters: Sequence[Parameter]) -> bytes:
+    """An FMU of another tool as it is.
+
+    Other tools cannot set enumerations: Ecos and libcosim do not know them, so that no parameter set has one.
+    """
+    for key, variable, value in parameters:
+        if variable.choices and variable.start != (float(value),):
+            raise UserError(f"components.{name}.parameters.{key}: other tools cannot set the enumeration, "
+                            "leave it at its start value")  # fmt: skip
+    return path.read_bytes()
 
 
 def _of_fmi2(scenario: Scenario) -> Scenario:
@@ -86,92 +146,114 @@ def _of_fmi2(scenario: Scenario) -> Scenario:
     return scenario.changed(components=components)
 
 
-def _scalars(name: str, system: System) -> dict[int, str]:
-    """Names of an FMU's variables by value reference; ours come first where variables share one."""
-    variables = system.archives[name].description.modelVariables
-    if system.archives[name].fmi != 2:
-        raise UserError(f"components.{name} is an FMU of FMI 3, which SSP 1.0 does not know: use one of FMI 2")
-    return {v.valueReference: v.name for v in variables if v.type == "Real"}
-
-
-def _root(scenario: Scenario, system: System, names: Mapping[str, Mapping[int, str]]) -> ET.Element:
-    attributes = {"version": "1.0", "name": scenario.name, "generationTool": "rotordx"}
-    root = ET.Element(_tag("ssd:SystemStructureDescription"), attributes)
-    top = ET.SubElement(root, _tag("ssd:System"), name=scenario.name, description=scenario.description)
-    elements = ET.SubElement(top, _tag("ssd:Elements"))
+def _root(scenario: Scenario, system: System, descriptions: Mapping[str, _Described], outputs: bool) -> ET.Element:
+    name = _identifier(scenario.name)
+    attributes = {"version": "1.0", "name": name, "generationTool": "rotordx"}
+    root = ET.Element(tag("ssd:SystemStructureDescription"), attributes)
+    top = ET.SubElement(root, tag("ssd:System"), name=name, description=scenario.description)
+    own = ET.SubElement(top, tag("ssd:Connectors")) if outputs else None
+    elements = ET.SubElement(top, tag("ssd:Elements"))
+    connections = ET.SubElement(top, tag("ssd:Connections"))
     units: dict[str, Unit] = {}
-    for name in system.wiring.order:
-        component = system.components[name]
-        source = {"name": name, "type": "application/x-fmu-sharedlibrary", "source": f"resources/{name}.fmu"}
-        element = ET.SubElement(elements, _tag("ssd:Component"), source)
-        connectors = ET.SubElement(element, _tag("ssd:Connectors"))
-        for variable in [*component.inputs.values(), *component.outputs.values()]:
-            unit = {"unit": variable.unit} if variable.measures else {}
-            units |= {variable.unit: variable.measures} if variable.measures else {}
+    taken = set(system.wiring.order)
+    for component in system.wiring.order:
+        described = descriptions[component]
+        source = {"name": component, "type": "application/x-fmu-sharedlibrary", "source": f"resources/{component}.fmu"}
+        element = ET.SubElement(elements, tag("ssd:Component"), source | {"implementation": "CoSimulation"})
+        connectors = ET.SubElement(element, tag("ssd:Connectors"))
+        for variable in [*described.inputs.values(), *described.outputs.values()]:
             for part in variable.elements:
-                kind = {"name": names[name][part.reference], "kind": variable.causality}
-                ET.SubElement(ET.SubElement(connectors, _tag("ssd:Connector"), kind), _tag("ssc:Real"), unit)
-        bindings = ET.SubElement(element, _tag("ssd:ParameterBindings"))
-        ET.SubElement(bindings, _tag("ssd:ParameterBinding"), source=f"resources/{name}.ssv")
-    connections = ET.SubElement(top, _tag("ssd:Connections"))
+                unit = described.unit(variable, part)
+                if unit and units.setdefault(*unit) != unit[1]:
+                    unit = None  # another FMU means something else by this name
+                connector = described.name(variable, part)
+                _connector(connectors, connector, variable, unit)
+                if own is not None and variable.causality == "output":
+                    outside = _free_name(_identifier(f"{component}_{connector}"), taken)
+                    _connector(own, outside, variable, unit)
+                    ends = {"startElement": component, "startConnector": connector, "endConnector": outside}
+                    ET.SubElement(connections, tag("ssd:Connection"), ends)
+        bindings = ET.SubElement(element, tag("ssd:ParameterBindings"))
+        ET.SubElement(bindings, tag("ssd:ParameterBinding"), source=f"resources/{component}.ssv")
     for connection in system.connections:
-        for attributes, transformation in _connected(connection.source, connection.target, system.components, names):
-            element = ET.SubElement(connections, _tag("ssd:Connection"), attributes)
+        for attributes, transformation in _connected(connection.source, connection.target, descriptions):
+            written = ET.SubElement(connections, tag("ssd:Connection"), attributes)
             if transformation:
-                element.set("suppressUnitConversion", "true")
-                ET.SubElement(element, _tag("ssc:LinearTransformation"), transformation)
-    annotation = ET.SubElement(ET.SubElement(top, _tag("ssd:Annotations")), _tag("ssc:Annotation"), type=ROTORDX)
-    ET.SubElement(annotation, "vehicle", name=scenario.vehicle)
+                written.set("suppressUnitConversion", "true")
+                ET.SubElement(written, tag("ssc:LinearTransformation"), transformation)
+    for parent in [top, *elements]:
+        for child in [c for c in parent if len(c) == 0]:  # which the schema does not allow
+            parent.remove(child)
+    _annotations(top, scenario)
     _unit_definitions(root, units)
     _default_experiment(root, scenario)
     return root
 
 
+def _identifier(name: str) -> str:
+    """A name as an identifier of C."""
+    words = re.sub(r"[^A-Za-z0-9_]+", "_", name).rstrip("_")
+    return words if re.match("[A-Za-z]", words) else f"s{words}"
+
+
+def _free_name(name: str, taken: set[str]) -> str:
+    """The name, or with a number the first one that is not taken; it is taken from now on."""
+    number, free = 2, name
+    while free in taken:
+        number, free = number + 1, f"{name}_{number}"
+    taken.add(free)
+    return free
+
+
+def _connector(parent: ET.Element, name: str, variable: Variable, unit: tuple[str, Unit] | None) -> None:
+    connector = ET.SubElement(parent, tag("ssd:Connector"), name=name, kind=variable.causality)
+    kind = variable.type if variable.type in _TYPES else "Integer"  # as FMI 2 passes enumerations
+    ET.SubElement(connector, tag(f"ssc:{kind}"), {"unit": unit[0]} if unit and kind == "Real" else {})
+
+
 def _connected(
-    source: str, target: str, components: Mapping[str, Component], names: Mapping[str, Mapping[int, str]]
+    source: str, target: str, descriptions: Mapping[str, _Described]
 ) -> Iterator[tuple[dict[str, str], dict[str, str]]]:
     """(ends, linear transformation if one is needed) of each pair of elements that a connection joins."""
     (writer, output), (reader, port) = (end.split(".", 1) for end in (source, target))
     if writer == EXTERNAL:
         raise UserError(f"the connection from {source} to {target} comes from outside, which an SSP cannot hold")
-    starts, ends = _elements(components[writer].outputs, output), _elements(components[reader].inputs, port)
+    from_, to = descriptions[writer], descriptions[reader]
+    written, starts = _elements(from_.outputs, output)
+    read, ends = _elements(to.inputs, port)
     for start, end in zip(starts, ends, strict=True):
         factor, offset = start.scale / end.scale, (start.offset - end.offset) / end.scale
         plain = (factor, offset) == (1.0, 0.0)
+        units = [unit[1] for unit in (from_.unit(written, start), to.unit(read, end)) if unit]
+        converted = len(units) == 2 and units[0] != units[1]
         yield (
             {
                 "startElement": writer,
-                "startConnector": names[writer][start.reference],
+                "startConnector": from_.name(written, start),
                 "endElement": reader,
-                "endConnector": names[reader][end.reference],
+                "endConnector": to.name(read, end),
             },
-            {} if plain else {"factor": repr(factor), "offset": repr(offset)},
+            {} if plain and not converted else {"factor": repr(factor), "offset": repr(offset)},
         )
 
 
-def _elements(ports: Mapping[str, Variable], name: str) -> tuple[Element, ...]:
-    """Elements of a port, or the one that "port[1]" names."""
+def _elements(ports: Mapping[str, Variable], name: str) -> tuple[Variable, tuple[Element, ...]]:
+    """A port and its elements, or the one that "port[1]" names."""
     if name in ports:
-        return ports[name].elements
+        return ports[name], ports[name].elements
     whole, _, index = name.removesuffix("]").rpartition("[")
-    return (ports[whole].elements[int(index) - 1],)
+    return ports[whole], (ports[whole].elements[int(index) - 1],)
 
 
-def _parameter_set(
-    name: str, component: Component, values: Mapping[str, Sequence[Any]], names: Mapping[int, str]
-) -> bytes:
-    root = ET.Element(_tag("ssv:ParameterSet"), version="1.0", name="initialValues")
-    parameters = ET.SubElement(root, _tag("ssv:Parameters"))
-    for key, elements in values.items():
-        variable = component.parameters[key]
+def _parameter_set(values: Sequence[Parameter]) -> bytes:
+    root = ET.Element(tag("ssv:ParameterSet"), version="1.0", name="initialValues")
+    parameters = ET.SubElement(root, tag("ssv:Parameters"))
+    for name, variable, value in values:
         if variable.choices:
-            continue  # see `_fmu`
-        kind = variable.type if variable.type in ("Boolean", "String", "Integer") else "Real"
-        scalars = [key] if variable.shape is None else [f"{key}[{i + 1}]" for i in range(variable.size)]
-        for scalar, part, value in zip(scalars, variable.elements, elements, strict=True):
-            own = names.get(part.reference, scalar) if kind == "Real" else scalar
-            parameter = ET.SubElement(parameters, _tag("ssv:Parameter"), name=own)
-            ET.SubElement(parameter, _tag(f"ssv:{kind}"), value=_text(kind, value))
+            continue  # see `_foreign`
+        kind = variable.type if variable.type in _TYPES else "Real"
+        parameter = ET.SubElement(parameters, tag("ssv:Parameter"), name=name)
+        ET.SubElement(parameter, tag(f"ssv:{kind}"), value=_text(kind, value))
     return _document(root)
 
 
@@ -183,25 +265,36 @@ def _text(kind: str, value: Any) -> str:
     return str(value) if kind == "String" else repr(float(value))
 
 
+def _annotations(top: ET.Element, scenario: Scenario) -> None:
+    """The step size for OMSimulator, which reads the first annotation only, and the vehicle for rotordx."""
+    listed = ET.SubElement(top, tag("ssd:Annotations"))
+    annotation = ET.SubElement(listed, tag("ssc:Annotation"), type=OPENMODELICA)
+    information = ET.SubElement(ET.SubElement(annotation, tag("oms:Annotations")), tag("oms:SimulationInformation"))
+    master = {"description": "oms-ma", "stepSize": repr(scenario.step_size_s)}
+    tolerances = {"absoluteTolerance": "0.0001", "relativeTolerance": "0.0001"}
+    ET.SubElement(information, tag("oms:FixedStepMaster"), master | tolerances)
+    annotation = ET.SubElement(listed, tag("ssc:Annotation"), type=ROTORDX)
+    ET.SubElement(annotation, "vehicle", name=scenario.vehicle)
+
+
 def _unit_definitions(root: ET.Element, units: Mapping[str, Unit]) -> None:
-    listed = ET.SubElement(root, _tag("ssd:Units"))
+    if not units:
+        return
+    listed = ET.SubElement(root, tag("ssd:Units"))
     for name, unit in sorted(units.items()):
         base = {b: str(unit.exponents[b]) for b in BASE_UNITS if b in unit.exponents}
-        ET.SubElement(ET.SubElement(listed, _tag("ssc:Unit"), name=name), _tag("ssc:BaseUnit"), base)
+        base |= {"factor": repr(unit.factor)} if unit.factor != 1 else {}
+        base |= {"offset": repr(unit.offset)} if unit.offset else {}
+        ET.SubElement(ET.SubElement(listed, tag("ssc:Unit"), name=name), tag("ssc:BaseUnit"), base)
 
 
 def _default_experiment(root: ET.Element, scenario: Scenario) -> None:
     """Duration, and the step size, which SSP leaves to an annotation."""
     times = {"startTime": "0", "stopTime": repr(scenario.duration_s)}
-    experiment = ET.SubElement(root, _tag("ssd:DefaultExperiment"), times)
-    annotation = ET.SubElement(ET.SubElement(experiment, _tag("ssd:Annotations")), _tag("ssc:Annotation"), type=OSP)
-    algorithm = ET.SubElement(annotation, _tag("osp:Algorithm"))
-    ET.SubElement(algorithm, _tag("osp:FixedStepAlgorithm"), baseStepSize=repr(scenario.step_size_s))
-
-
-def _tag(name: str) -> str:
-    prefix, _, local = name.partition(":")
-    return f"{{{NAMESPACES[prefix]}}}{local}"
+    experiment = ET.SubElement(root, tag("ssd:DefaultExperiment"), times)
+    annotation = ET.SubElement(ET.SubElement(experiment, tag("ssd:Annotations")), tag("ssc:Annotation"), type=OSP)
+    algorithm = ET.SubElement(annotation, tag("osp:Algorithm"))
+    ET.SubElement(algorithm, tag("osp:FixedStepAlgorithm"), baseStepSize=repr(scenario.step_size_s))
 
 
 def _document(root: ET.Element) -> bytes:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from rotordx.orchestrator import results
 from rotordx.orchestrator.flight import fly
 from rotordx.orchestrator.scenario import load_scenario
 from tests.importers import importer
@@ -35,6 +36,27 @@ def test_a_controller_made_with_pythonfmu3_flies(tmp_path):
     flown = fly(load_scenario(tmp_path / "hover.toml")).signals
     assert flown["controller.rotor_speed_command"].shape == (4001, 4)
     np.testing.assert_allclose(flown["plant.position"][-1], [0.0, 0.0, -2.5], atol=0.02)
+
+
+def test_a_diagnoser_made_with_pythonfmu3_is_scored_beside_ours(tmp_path):
+    importer("pythonfmu3")
+    (tmp_path / "imbalance.py").write_text(block("python", "# imbalance.py"))
+    (tmp_path / "imbalance.toml").write_text(block("toml", "# imbalance.toml"))
+    build = [sys.executable, "-m", "pythonfmu3", "build", "-f", "imbalance.py"]
+    subprocess.run(build, cwd=tmp_path, check=True, capture_output=True)
+    run = [Path(sys.executable).with_name("rotordx"), "run", "imbalance.toml", "--out", "out"]
+    shown = subprocess.run(run, cwd=tmp_path, check=True, capture_output=True, text=True).stdout
+    recording, summary = results.read(tmp_path / "out")
+    for name in ("fdie", "theirs"):
+        score = summary["diagnosers"][name]
+        assert (score["fault_detected"], score["false_alarm"], score["isolation_correct"]) == (True, False, True)
+        assert 0 < score["detection_delay_s"] <= score["isolation_delay_s"] < 2
+        assert abs(score["loe_final_error"]) < 0.05
+    printed = re.findall(r"^(?:diagnoser|fdie|theirs)  .*(?=  )", README, re.MULTILINE)  # but for the computing time
+    assert len(printed) == 3
+    assert all(line in shown for line in printed)
+    assert set(recording.signals["theirs.fault_detected"]) == {0.0, 1.0}
+    assert set(recording.signals["theirs.faulty_rotor"]) == {0.0, 3.0}
 
 
 def test_fdie_runs_in_ecos_from_ten_lines():
