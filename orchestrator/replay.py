@@ -15,6 +15,7 @@ from rotordx.gains.flights import Flight
 from rotordx.orchestrator.documents import validated
 from rotordx.orchestrator.errors import UserError
 from rotordx.orchestrator.flight import fly
+from rotordx.orchestrator.layout import ComponentSettings
 from rotordx.orchestrator.logs import LoggedFlight
 from rotordx.orchestrator.recording import Recording
 from rotordx.orchestrator.scenario import Scenario
@@ -30,7 +31,11 @@ SYSTEM = "replay"  #: the diagnosers alone
 
 
 def replay(
-    logged: LoggedFlight, vehicle: str, diagnosers: Sequence[str], known_losses: Mapping[int, float] | None = None
+    logged: LoggedFlight,
+    vehicle: str,
+    diagnosers: Sequence[str],
+    known_losses: Mapping[int, float] | None = None,
+    components: Mapping[str, ComponentSettings] | None = None,
 ) -> Recording:
     """Run diagnosers over the airborne parts of a log.
 
@@ -42,6 +47,7 @@ def replay(
         vehicle: name or path, as in a scenario; its designs are the diagnosers' gains.
         diagnosers: ids.
         known_losses: rotor -> loss of effectiveness from the first airborne sample on, to be scored.
+        components: settings of diagnosers, as in a scenario; a diagnoser of another tool needs them.
 
     Returns:
         time counts from the first row of the log, `log.*` is what the diagnosers were fed; NaN between the parts.
@@ -50,7 +56,8 @@ def replay(
         UserError: vehicle or diagnosers cannot be used.
         ComponentError: an FMU failed.
     """
-    scenarios = [_scenario(logged, part, vehicle, diagnosers) for part in logged.parts]
+    settings = {name: of_it.model_dump(exclude_none=True) for name, of_it in (components or {}).items()}
+    scenarios = [_scenario(logged, part, vehicle, diagnosers, settings) for part in logged.parts]
     with System(scenarios[0]) as system:
         recordings = [
             fly(scenario, system, external=_inputs(part))
@@ -94,7 +101,9 @@ def _origin(logged: LoggedFlight, vehicle: Vehicle) -> dict[str, Any]:
     }
 
 
-def _scenario(logged: LoggedFlight, part: Flight, vehicle: str, diagnosers: Sequence[str]) -> Scenario:
+def _scenario(
+    logged: LoggedFlight, part: Flight, vehicle: str, diagnosers: Sequence[str], components: Mapping[str, Any]
+) -> Scenario:
     """What the diagnosers are run as; the name of the log becomes that of the scenario."""
     document = {
         "name": re.sub(r"[^\w.-]|^[.-]", "_", logged.path.stem),
@@ -102,6 +111,7 @@ def _scenario(logged: LoggedFlight, part: Flight, vehicle: str, diagnosers: Sequ
         "system": SYSTEM,
         "vehicle": vehicle,
         "diagnosers": list(diagnosers),
+        "components": {name: components[name] for name in diagnosers if name in components},
         "step_size_s": logged.step_size,
         "duration_s": (len(part.time) - 1) * logged.step_size,
     }

@@ -20,6 +20,7 @@ STALE = 0.05
 @click.option("--vehicle", required=True, metavar="V", help="Name of a packaged vehicle, or path of a vehicle file.")
 @click.option("--signals", metavar="MAP", help="Signal mapping, packaged or a TOML file [the packaged one that fits].")
 @click.option("-d", "--diagnoser", "diagnosers", multiple=True, metavar="ID", help="Repeatable [fdie].")
+@click.option("--scenario", metavar="S", help="Take diagnosers, with parameters and ports, from a scenario.")
 @click.option("--fault", "faults", multiple=True, metavar="ROTOR=LOSS", help="Known loss, to be scored; repeatable.")
 @click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="Result folder [results/LOG].")
 def replay_command(
@@ -27,25 +28,33 @@ def replay_command(
     vehicle: str,
     signals: str | None,
     diagnosers: tuple[str, ...],
+    scenario: str | None,
     faults: tuple[str, ...],
     out: Path | None,
 ) -> None:
     """Run the diagnoser FMUs over recorded flights, CSV or Parquet, and write a result folder for each.
+
+    A diagnoser of another tool is replayed as the scenario has it that --scenario names.
 
     \b
     Examples:
       rotordx identify healthy*.csv --vehicle crazyflie --out my_craft.toml
       rotordx replay suspect.csv --vehicle my_craft.toml
       rotordx replay *.csv --vehicle my_craft.toml --signals my_log.toml -d fdie --out results/today
+      rotordx replay suspect.csv --vehicle my_craft.toml --scenario my_scenario.toml
     """
     from rotordx.orchestrator import metrics, replay, results, terminal
+    from rotordx.orchestrator.scenario import load_scenario
 
+    likewise = load_scenario(scenario) if scenario else None
+    chosen = diagnosers or (likewise and likewise.diagnosers) or ("fdie",)
+    components = likewise.components if likewise else {}
     known = _known_losses(faults)
     folders = _result_folders(logs, out)
     _, flights = _read(logs, vehicle, signals)
     rows = []
     for flight, folder in zip(flights, folders, strict=True):
-        recording = replay.replay(flight, vehicle, diagnosers or ("fdie",), known)
+        recording = replay.replay(flight, vehicle, chosen, known, components)
         summary = metrics.summarise(recording)
         results.write(recording, summary, folder)
         if len(logs) == 1:

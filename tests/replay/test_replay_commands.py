@@ -59,6 +59,19 @@ def test_several_logs_give_a_folder_each_and_one_table(rotordx, log, signals, cr
     assert result.output.count("fdie") == 2
 
 
+def test_diagnosers_and_their_parameters_come_from_a_scenario(rotordx, log, signals, craft, tmp_path):
+    # a bound that no acceleration reaches, so that only a parameter which arrives keeps fdie silent
+    (tmp_path / "deaf.toml").write_text(
+        "duration_s = 1.0\ndiagnosers = ['fdie', 'null']\n"
+        "[components.fdie.parameters]\nbound_constant = [1e3, 1e3, 1e3, 1e3]\n"
+    )
+    result = rotordx("replay", log, "--vehicle", craft, "--signals", signals, "--scenario", "deaf.toml")
+    assert result.exit_code == 0, result.output
+    summary = json.loads((tmp_path / "results" / "flight" / "summary.json").read_text())
+    assert list(summary["diagnosers"]) == ["fdie", "null"]
+    assert not summary["diagnosers"]["fdie"]["fault_detected"]
+
+
 def test_healthy_logs_become_a_vehicle_that_a_replay_takes(rotordx, broken_rotor, write_csv, signals, tmp_path):
     healthy = write_csv({k: v[broken_rotor.time < 6.0] for k, v in foreign_log_of(broken_rotor).items()}, "healthy.csv")
     result = rotordx("identify", healthy, "--vehicle", "lab_x", "--signals", signals, "--out", "mine.toml")
@@ -77,6 +90,7 @@ def test_healthy_logs_become_a_vehicle_that_a_replay_takes(rotordx, broken_rotor
         (["--vehicle", "lab_x"], "flight.csv: no packaged signal mapping fits"),
         (["--vehicle", "lab_x", "--signals", "SIGNALS", "-d", "fdy"], "diagnosers[0] is 'fdy' but must be one of"),
         (["--vehicle", "lab_x", "--signals", "SIGNALS", "--fault", "5=0.1"], "--fault 5=0.1: write ROTOR=LOSS"),
+        (["--vehicle", "lab_x", "--signals", "SIGNALS", "--scenario", "hovr"], "did you mean hover?"),
         (["--vehicle", "lab_x", "--signals", "SIGNALS", "--fault", "x"], "--fault x: write ROTOR=LOSS"),
         (["--vehicle", "lab_x", "--signals", "SIGNALS", "--out", "taken"], "The result folder"),
         (["LOG", "--vehicle", "lab_x", "--signals", "SIGNALS"], "two logs have the same name"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -44,9 +45,9 @@ def test_a_diagnoser_made_with_pythonfmu3_is_scored_beside_ours(tmp_path):
     (tmp_path / "imbalance.toml").write_text(block("toml", "# imbalance.toml"))
     build = [sys.executable, "-m", "pythonfmu3", "build", "-f", "imbalance.py"]
     subprocess.run(build, cwd=tmp_path, check=True, capture_output=True)
-    run = [Path(sys.executable).with_name("rotordx"), "run", "imbalance.toml", "--out", "out"]
+    run = [Path(sys.executable).with_name("rotordx"), "run", "imbalance.toml"]
     shown = subprocess.run(run, cwd=tmp_path, check=True, capture_output=True, text=True).stdout
-    recording, summary = results.read(tmp_path / "out")
+    recording, summary = results.read(tmp_path / "results" / "imbalance")
     for name in ("fdie", "theirs"):
         score = summary["diagnosers"][name]
         assert (score["fault_detected"], score["false_alarm"], score["isolation_correct"]) == (True, False, True)
@@ -57,6 +58,14 @@ def test_a_diagnoser_made_with_pythonfmu3_is_scored_beside_ours(tmp_path):
     assert all(line in shown for line in printed)
     assert set(recording.signals["theirs.fault_detected"]) == {0.0, 1.0}
     assert set(recording.signals["theirs.faulty_rotor"]) == {0.0, 3.0}
+
+    replay = next(line for line in README.splitlines() if line.startswith("rotordx replay") and "imbalance" in line)
+    command = [Path(sys.executable).with_name("rotordx"), *shlex.split(replay)[1:], "--out", "replayed"]
+    subprocess.run(command, cwd=tmp_path, check=True, capture_output=True)
+    replayed, _ = results.read(tmp_path / "replayed")
+    assert list(replayed.diagnosers) == ["fdie", "theirs"]
+    seen = replayed.signals["theirs.loe_estimate"]
+    assert np.array_equal(seen, recording.signals["theirs.loe_estimate"][-len(seen) :])
 
 
 def test_fdie_runs_in_ecos_from_ten_lines():
