@@ -99,15 +99,22 @@ $(VENV)/.platforms: $(VENV)/.requirements
 c-platforms: build $(VENV)/.test $(VENV)/.platforms
 	$(BIN)/python -m pytest -m slow tests/c_export
 
-# FMUs for other platforms, run by wine and qemu-user where these are installed: minutes, more at the first time.
+# FMUs for other platforms, run by wine and qemu-user where these are installed: minutes, more at the first time. The
+# differences from this platform's values are printed.
 platforms: build $(VENV)/.test $(VENV)/.platforms
-	$(BIN)/python -m pytest -m slow tests/swap/test_other_platforms.py
+	$(BIN)/python -m pytest -m slow -rP --show-capture=stdout tests/swap/test_other_platforms.py
 
-# Every FMU in every importer that pip installs, beside FMPy. CoFMUPy pins another FMPy: without its dependencies.
-compatibility: build $(VENV)/.test
+# CoFMUPy pins an older FMPy than ours: an environment of its own.
+build/cofmupy/.installed:
+	@echo "Installing CoFMUPy into build/cofmupy ..."
+	@$(PYTHON) -m venv build/cofmupy
+	@build/cofmupy/bin/python -m pip install --quiet --disable-pip-version-check cofmupy==1.0.0
+	@touch $@
+
+# Every FMU in every importer that pip installs, beside FMPy.
+compatibility: build $(VENV)/.test build/cofmupy/.installed
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --group compatibility
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps cofmupy==1.0.0
-	$(BIN)/python tests/swap/compatibility.py
+	$(BIN)/python -m tests.swap.compatibility
 
 clean:
 	rm -rf build $(VENV) results

@@ -69,12 +69,13 @@ def ssp_command(scenario: str, overrides: tuple[str, ...], outputs: bool, out: P
       rotordx export ssp my_scenario.toml --set faults[0].rotor=3 --out rotor_3.ssp
     """
     from rotordx.orchestrator.export import ssp_export
-    from rotordx.orchestrator.export.fmu_export import write
+    from rotordx.orchestrator.export.fmu_export import check_place, write
     from rotordx.orchestrator.scenario import load_scenario
 
     flown = load_scenario(scenario, overrides)
-    files = ssp_export.contents(flown, outputs=outputs, report=lambda text: click.echo(text, err=True))
     path = out or Path(f"{flown.name}.ssp")
+    check_place(path)
+    files = ssp_export.contents(flown, outputs=outputs, report=lambda text: click.echo(text, err=True))
     write(files, path)
     fmus = sum(name.endswith(".fmu") for name in files)
     click.echo(

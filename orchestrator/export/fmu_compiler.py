@@ -20,8 +20,8 @@ from rotordx.orchestrator.documents import one_of
 from rotordx.orchestrator.errors import RunError, UserError
 from rotordx.orchestrator.export.fmu_sources import compiled
 
-#: of the build (CMakeLists.txt), and what makes a cross-compiled library the same everywhere
-DEFINITIONS = ("NDEBUG", "EIGEN_NO_MALLOC", "EIGEN_DONT_VECTORIZE", "CASADI_SYMBOL_EXPORT=")
+#: those of the build (CMakeLists.txt), so that the same additions are made in the same order
+DEFINITIONS = ("NDEBUG", "EIGEN_NO_MALLOC", "CASADI_SYMBOL_EXPORT=")
 OPTIONS = (
     *("-O2", "-g0", "-w", "-ffp-contract=off", "-fvisibility=hidden", "-ffunction-sections", "-fdata-sections"),
     *(f"-D{definition}" for definition in DEFINITIONS),
@@ -39,7 +39,7 @@ class Platform:
     name: str
     system: str  #: as `platform.system()` has it
     machine: str
-    triple: str  #: for zig
+    triple: str  #: for zig, with the oldest C library or system that it is to run with
     suffix: str  #: of a shared library
 
     def folder(self, fmi: int) -> str:
@@ -57,9 +57,9 @@ PLATFORMS = {
     for p in (
         Platform("linux64", "Linux", "x86_64", "x86_64-linux-gnu.2.17", ".so"),
         Platform("win64", "Windows", "AMD64", "x86_64-windows-gnu", ".dll"),
-        Platform("darwin64", "Darwin", "x86_64", "x86_64-macos", ".dylib"),
+        Platform("darwin64", "Darwin", "x86_64", "x86_64-macos.11.0", ".dylib"),
         Platform("aarch64-linux", "Linux", "aarch64", "aarch64-linux-gnu.2.17", ".so"),
-        Platform("aarch64-darwin", "Darwin", "arm64", "aarch64-macos", ".dylib"),
+        Platform("aarch64-darwin", "Darwin", "arm64", "aarch64-macos.11.0", ".dylib"),
     )
 }
 
@@ -73,7 +73,7 @@ def chosen_platforms(names: str | None, fmi: int) -> list[Platform]:
     if names is None:
         return [p for p in PLATFORMS.values() if p.is_here]
     chosen = []
-    for name in dict.fromkeys(names.split(",")):
+    for name in dict.fromkeys(part.strip() for part in names.split(",")):
         if name not in PLATFORMS:
             raise UserError(f"--platforms: {name!r} must be {one_of(PLATFORMS, name)}")
         if fmi == 2 and name.startswith("aarch64"):
@@ -153,13 +153,15 @@ def _compile(name: str, files: Mapping[str, bytes], target: Platform, compiler: 
 
 
 def _link_options(target: Platform, compiler: _Compiler) -> list[str]:
-    """Leave out what is not called; zig's linker damages libraries that it is to strip."""
-    options = {"Linux": ["-Wl,--gc-sections", "-lm"], "Darwin": ["-Wl,-dead_strip"]}.get(target.system, [])
+    """Leave out what is not called; zig's linkers damage libraries that they are to strip, but not Windows'."""
+    options = {"Linux": ["-Wl,--gc-sections", "-lm"], "Darwin": ["-Wl,-dead_strip"], "Windows": ["-s"]}[target.system]
     return [*options, *(["-s"] if compiler.c[0] == "cc" and target.system == "Linux" else [])]
 
 
 def _run(command: list[str], folder: str) -> None:
-    result = subprocess.run(command, cwd=folder, capture_output=True, text=True)
+    """Run a compiler; what it dates (Windows' libraries have a time in them) is dated like the archive's files."""
+    environment = os.environ | {"SOURCE_DATE_EPOCH": "315532800"}
+    result = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True)
     if result.returncode != 0:
         problem = " ".join((result.stderr or result.stdout).split())[:600]
         raise RunError(f"the compiler failed: {problem}")

@@ -33,6 +33,9 @@ def sources(component: Component, fmi: int) -> dict[str, bytes]:
     written = {name: _bytes(text) for name, text in generated.items() if not name.endswith(".xml")}
     if component.name in component_names():
         written |= {"model_terms.c": _bytes(source()), "model_terms.h": _bytes(header())}
+    for name in [name for name in written if name.endswith(".c")]:
+        # its header declares the functions for C, so that a C++ compiler takes the file, too
+        written[name] = f'#include "{name.removesuffix(".c")}.h"\n'.encode() + written[name]
     written |= {f"fmus/shell/{name}": (_tree() / "shell" / name).read_bytes() for name in _SHELL[fmi]}
     return _with_headers(written)
 

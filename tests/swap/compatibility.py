@@ -15,15 +15,14 @@ import sys
 import tempfile
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from importlib.metadata import PackageNotFoundError, requires, version
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import fmpy
 from fmpy.fmi1 import FMICallException
 
-from rotordx.fmus import component_names, diagnoser_ids, fmu_path
-
-TABLE = Path(__file__).parents[2] / "orchestrator" / "compatibility.md"
+ROOT = Path(__file__).parents[2]
+TABLE = ROOT / "orchestrator" / "compatibility.md"
 STEP, STEPS = 0.002, 500
 TOLERANCE = 1e-12
 TIMEOUT_S = 120
@@ -33,10 +32,11 @@ HEADER = """# Compatibility
 
 Written by `make compatibility` (tests/swap/compatibility.py): each FMU in both versions of FMI, 500 steps of 2 ms with
 constant inputs, in every importer that pip installs. A number is the largest difference of a final output from the
-value that FMPy {fmpy} finds, relative to the larger of 1 and that value; it must be at most 1e-12.
+value that FMPy {fmpy} finds, relative to the larger of 1 and that value; it must be at most 1e-12. CoFMUPy, which needs
+an older FMPy, runs in an environment of its own.
 
 {rows}
-{causes}"""
+{remarks}"""
 
 
 def values_of(description: fmpy.model_description.ModelDescription) -> dict[str, list[float]]:
@@ -51,9 +51,19 @@ def values_of(description: fmpy.model_description.ModelDescription) -> dict[str,
     return inputs
 
 
-def in_fmpy(path: Path, inputs: Mapping[str, list[float]], outputs: Mapping[str, int]) -> list[float]:
+@dataclass(frozen=True)
+class Outcome:
+    """Final outputs, None if there are none, and what is to be said of them."""
+
+    values: list[float] | None
+    remark: str = ""
+
+
+def in_fmpy(
+    path: Path, inputs: Mapping[str, list[float]], outputs: Mapping[str, int], validate: bool = True
+) -> list[float]:
     """FMPy's own classes, called in the order of the standard."""
-    description = fmpy.read_model_description(str(path))
+    description = fmpy.read_model_description(str(path), validate=validate)
     references = {v.name: v.valueReference for v in description.modelVariables}
     two = description.fmiVersion.startswith("2")
     kind = fmpy.fmi2.FMU2Slave if two else fmpy.fmi3.FMU3Slave
@@ -121,7 +131,7 @@ def in_libcosim(path: Path, inputs: Mapping[str, list[float]], outputs: Mapping[
     return found
 
 
-def in_container(path: Path, inputs: Mapping[str, list[float]], outputs: Mapping[str, int]) -> list[float]:
+def in_container(path: Path, inputs: Mapping[str, list[float]], outputs: Mapping[str, int]) -> Outcome:
     """A container FMU of fmu-manipulation-toolbox with this FMU in it, run by FMPy."""
     from fmu_manipulation_toolbox.assembly import Assembly
 
@@ -136,13 +146,14 @@ def in_container(path: Path, inputs: Mapping[str, list[float]], outputs: Mapping
             "fmu": [path.name],
         }
         (place / "container.json").write_text(json.dumps(layout))
-        fmi = 2 if "fmi2" in path.parts else 3
+        fmi = int(fmpy.read_model_description(str(path), validate=False).fmiVersion[0])
         Assembly("container.json", fmu_directory=place).make_fmu(fmi_version=fmi)
         try:
-            return in_fmpy(place / "container.fmu", inputs, outputs)
+            return Outcome(in_fmpy(place / "container.fmu", inputs, outputs))
         except fmpy.model_description.ValidationError as error:
             problem = str(error).splitlines()[-1].lstrip("- ")
-            raise RuntimeError(f"the modelDescription.xml that it writes is not valid: {problem}") from error
+            remark = f"read without validation, as the modelDescription.xml that it writes is not valid: {problem}"
+            return Outcome(in_fmpy(place / "container.fmu", inputs, outputs, validate=False), remark)
 
 
 def in_pathsim(path: Path, inputs: Mapping[str, list[float]], outputs: Mapping[str, int]) -> list[float]:
@@ -161,74 +172,122 @@ def in_pathsim(path: Path, inputs: Mapping[str, list[float]], outputs: Mapping[s
         ) from error
 
 
+def in_fmuloader(path: Path, inputs: Mapping[str, list[float]], outputs: Mapping[str, int]) -> list[float]:
+    """The classes of fmuloader, which leaves the model description to FMPy."""
+    description = fmpy.read_model_description(str(path))
+    references = {v.name: v.valueReference for v in description.modelVariables}
+    identifier = description.coSimulation.modelIdentifier
+    if description.fmiVersion.startswith("2"):
+        from fmuloader.fmi2 import Fmi2Slave, Fmi2Type
+
+        fmu = Fmi2Slave(path, model_identifier=identifier)
+        fmu.instantiate("fmu", Fmi2Type.CO_SIMULATION, guid=description.guid)
+        fmu.setup_experiment(start_time=0.0)
+        setter, getter = fmu.set_real, fmu.get_real
+    else:
+        from fmuloader.fmi3 import Fmi3Slave
+
+        fmu = Fmi3Slave(path, model_identifier=identifier)
+        fmu.instantiate_co_simulation("fmu", instantiation_token=description.guid)
+        setter, getter = fmu.set_float64, fmu.get_float64
+    fmu.enter_initialization_mode()
+    for name, values in inputs.items():
+        setter([references[name]], values)
+    fmu.exit_initialization_mode()
+    for k in range(STEPS):
+        fmu.do_step(k * STEP, STEP)
+    try:
+        found: list[float] = [value for name in outputs for value in getter([references[name]])]
+    except Exception as error:
+        raise RuntimeError(
+            f"it asks for one value of each value reference, which FMI 3 arrays refuse: {error}"
+        ) from error
+    fmu.terminate()
+    fmu.free_instance()
+    return found
+
+
 def in_cofmupy(path: Path, inputs: Mapping[str, list[float]], outputs: Mapping[str, int]) -> list[float]:
     """CoFMUPy's coordinator."""
-    [pinned] = [need for need in requires("cofmupy") or () if need.startswith("fmpy==")]
-    if pinned != f"fmpy=={version('fmpy')}":
-        raise RuntimeError(f"it needs {pinned}, which cannot be installed beside that of rotordx")
-
     from cofmupy.coordinator import Coordinator
 
     initial = {name: values if len(values) > 1 else values[0] for name, values in inputs.items()}
     coordinator = Coordinator()
-    coordinator.start(
-        {
-            "fmus": [{"id": "fmu", "name": "fmu", "path": str(path), "initialization": initial}],
-            "connections": [],
-            "cosim_method": "jacobi",
-            "iterative": False,
-        }
-    )
-    for _ in range(STEPS):
-        coordinator.do_step(STEP, save_data=True)
-    results = coordinator.get_results()["fmu"]
-    return [float(value) for name in outputs for value in _flat(results[name][-1])]
+    try:
+        coordinator.start(
+            {
+                "fmus": [{"id": "fmu", "name": "fmu", "path": str(path), "initialization": initial}],
+                "connections": [],
+                "cosim_method": "jacobi",
+                "iterative": False,
+            }
+        )
+        for _ in range(STEPS):
+            coordinator.do_step(STEP, save_data=True)
+    except (ValueError, FMICallException) as error:
+        raise RuntimeError(f"the arrays of FMI 3 are not supported: {error}") from error
+    results = coordinator.get_results()
+    return [float(results["fmu", name][-1]) for name in outputs]
 
 
-def _flat(value: object) -> list[float]:
-    return [v for element in value for v in _flat(element)] if isinstance(value, list | tuple) else [float(str(value))]
+@dataclass(frozen=True)
+class Importer:
+    """A tool, the function that runs an FMU in it, and the Python that has it."""
+
+    distribution: str
+    run: Callable[[Path, Mapping[str, list[float]], Mapping[str, int]], list[float] | Outcome]
+    python: str = sys.executable
+
+    @property
+    def version(self) -> str | None:
+        """Its version; None: it is not installed."""
+        code = f"from importlib.metadata import version; print(version({self.distribution!r}))"
+        try:
+            result = subprocess.run([self.python, "-c", code], capture_output=True, text=True)
+        except FileNotFoundError:
+            return None
+        return result.stdout.strip() or None
 
 
-Importer = Callable[[Path, Mapping[str, list[float]], Mapping[str, int]], list[float]]
-
-#: title -> (distribution, function)
-IMPORTERS: dict[str, tuple[str, Importer]] = {
-    "FMPy": ("fmpy", in_fmpy),
-    "Ecos": ("ecospy", in_ecos),
-    "libcosim": ("libcosimpy", in_libcosim),
-    "container": ("fmu-manipulation-toolbox", in_container),
-    "pathsim": ("pathsim-fmi", in_pathsim),
-    "CoFMUPy": ("cofmupy", in_cofmupy),
+IMPORTERS = {
+    "FMPy": Importer("fmpy", in_fmpy),
+    "Ecos": Importer("ecospy", in_ecos),
+    "libcosim": Importer("libcosimpy", in_libcosim),
+    "container": Importer("fmu-manipulation-toolbox", in_container),
+    "pathsim": Importer("pathsim-fmi", in_pathsim),
+    "fmuloader": Importer("fmuloader", in_fmuloader),
+    "CoFMUPy": Importer("cofmupy", in_cofmupy, str(ROOT / "build" / "cofmupy" / "bin" / "python")),
 }
 
 
-def final_values(importer: str, name: str, fmi: int) -> list[float]:
-    """Final outputs of an FMU in an importer."""
-    path = fmu_path(name, fmi)
+def found_here(importer: str, path: Path) -> Outcome:
+    """What an importer finds in this process."""
     description = fmpy.read_model_description(str(path), validate=False)
     outputs = {
         v.name: int(v.dimensions[0].start) if v.dimensions else 1
         for v in description.modelVariables
         if v.causality == "output"
     }
-    found = IMPORTERS[importer][1](path, values_of(description), outputs)
-    if len(found) < sum(outputs.values()):
-        raise RuntimeError("it reads one value of an array: the arrays of FMI 3 are not supported")
-    return found
+    found = IMPORTERS[importer].run(path, values_of(description), outputs)
+    result = found if isinstance(found, Outcome) else Outcome(found)
+    if result.values is not None and len(result.values) < sum(outputs.values()):
+        return Outcome(None, "it reads one value of an array: the arrays of FMI 3 are not supported")
+    return result
 
 
-def measured(importer: str, name: str, fmi: int) -> list[float] | str:
-    """Final outputs, found in a process of its own, or why there are none."""
-    command = [sys.executable, __file__, importer, name, str(fmi)]
+def outcome(importer: str, path: Path) -> Outcome:
+    """What an importer finds in a process of its own."""
+    command = [IMPORTERS[importer].python, __file__, importer, str(path)]
     try:
         result = subprocess.run(command, capture_output=True, text=True, timeout=TIMEOUT_S)
     except subprocess.TimeoutExpired:
-        return f"does not end within {TIMEOUT_S} s"
-    if result.returncode != 0:
-        lines = [line for line in result.stderr.splitlines() if line.strip()]
-        return f"crashes with signal {-result.returncode}" if result.returncode < 0 else lines[-1].strip()
-    found: list[float] = json.loads(result.stdout.splitlines()[-1])  # libraries print, too
-    return found
+        return Outcome(None, f"does not end within {TIMEOUT_S} s")
+    if result.returncode < 0:
+        return Outcome(None, f"crashes with signal {-result.returncode}")
+    if result.returncode > 0:
+        last = [line for line in result.stderr.splitlines() if line.strip()][-1].strip()
+        return Outcome(None, last.partition("Error: ")[2] or last)
+    return Outcome(**json.loads(result.stdout.splitlines()[-1]))  # libraries print, too
 
 
 def difference(found: list[float], expected: list[float]) -> float:
@@ -240,50 +299,51 @@ def difference(found: list[float], expected: list[float]) -> float:
 
 def table() -> str:
     """The whole document."""
-    present = {}
-    for title, (package, _) in IMPORTERS.items():
-        with contextlib.suppress(PackageNotFoundError):
-            present[title] = f"{title} ({package} {version(package)})"
-    others = [title for title in present if title != "FMPy"]
-    rows = [
-        "| FMU | FMI | " + " | ".join(present[title] for title in others) + " |",
-        "|---|---|" + "---|" * len(others),
-    ]
-    causes: dict[str, int] = {}
+    from rotordx.fmus import component_names, diagnoser_ids, fmu_path
+
+    versions = {title: importer.version for title, importer in IMPORTERS.items()}
+    others = [title for title in IMPORTERS if title != "FMPy" and versions[title]]
+    titles = [f"{title} ({IMPORTERS[title].distribution} {versions[title]})" for title in others]
+    rows = ["| FMU | FMI | " + " | ".join(titles) + " |", "|---|---|" + "---|" * len(others)]
+    remarks: dict[str, int] = {}
     fmus = [(name, fmi) for name in [*component_names(), *diagnoser_ids()] for fmi in (2, 3)]
     with ThreadPoolExecutor(PROCESSES) as pool:
-        found = {(title, *fmu): pool.submit(measured, title, *fmu) for fmu in fmus for title in ["FMPy", *others]}
+        found = {(t, *fmu): pool.submit(outcome, t, fmu_path(*fmu)) for fmu in fmus for t in ["FMPy", *others]}
         for name, fmi in fmus:
             expected = found["FMPy", name, fmi].result()
-            if isinstance(expected, str):
-                raise RuntimeError(f"FMPy, {name}, FMI {fmi}: {expected}")
-            cells = [_cell(title, found[title, name, fmi].result(), expected, causes) for title in others]
+            if expected.values is None:
+                raise RuntimeError(f"FMPy, {name}, FMI {fmi}: {expected.remark}")
+            cells = [_cell(title, found[title, name, fmi].result(), expected.values, remarks) for title in others]
             rows.append(f"| `{name}` | {fmi} | {' | '.join(cells)} |")
             print(rows[-1], flush=True)
-    numbered = "".join(f"{number}. {cause}\n" for cause, number in causes.items())
+    numbered = "".join(f"{number}. {remark}\n" for remark, number in remarks.items())
     return HEADER.format(
-        fmpy=version("fmpy"), rows="\n".join(rows) + "\n", causes=numbered and f"Why not:\n\n{numbered}"
+        fmpy=versions["FMPy"], rows="\n".join(rows) + "\n", remarks=numbered and f"Remarks:\n\n{numbered}"
     )
 
 
-def _cell(title: str, found: list[float] | str, expected: list[float], causes: dict[str, int]) -> str:
-    """The difference, or the number of the cause why there is none."""
-    if isinstance(found, str):
-        cause = re.sub(r"FMU '[^']*\.fmu'", "the FMU", f"{title}: {found.partition('Error: ')[2] or found}")
-        return f"no ({causes.setdefault(cause, len(causes) + 1)})"
-    error = difference(found, expected)
-    return "0" if error == 0 else f"{error:.0e}" + ("" if error <= TOLERANCE else " **differs**")
+def _cell(title: str, found: Outcome, expected: list[float], remarks: dict[str, int]) -> str:
+    """The difference or "no", and the number of the remark on it."""
+    if found.values is None:
+        cell = "no"
+    else:
+        error = difference(found.values, expected)
+        cell = "0" if error == 0 else f"{error:.0e}" + ("" if error <= TOLERANCE else " **differs**")
+    if found.remark:
+        remark = re.sub(r"FMU '[^']*\.fmu'", "the FMU", f"{title}: {found.remark}")
+        cell += f" ({remarks.setdefault(remark, len(remarks) + 1)})"
+    return cell
 
 
 def main() -> None:
-    """Without arguments the table; with importer, FMU and version one cell as JSON."""
+    """Without arguments the table; with an importer and the path of an FMU one outcome as JSON."""
     if len(sys.argv) == 1:
         TABLE.write_text(table(), encoding="utf-8")
         return
-    importer, name, fmi = sys.argv[1:]
+    importer, path = sys.argv[1:]
     with contextlib.redirect_stdout(io.StringIO()):  # importers are talkative
-        values = final_values(importer, name, int(fmi))
-    print(json.dumps(values))
+        result = found_here(importer, Path(path))
+    print(json.dumps(asdict(result)))
 
 
 if __name__ == "__main__":

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import os
 import re
 import subprocess
+import sys
+import tomllib
 import zipfile
+from importlib.metadata import PackageNotFoundError
 from pathlib import Path
 
 import fmpy
@@ -17,11 +21,15 @@ from lxml import etree
 from rotordx.fmus import fmu_path
 from rotordx.fmus.vehicles import load_design, load_vehicle
 from rotordx.orchestrator.cli import main
+from rotordx.orchestrator.export import fmu_compiler
+from rotordx.orchestrator.export.fmu_compiler import chosen_platforms
 from rotordx.orchestrator.flight import fly
 from rotordx.orchestrator.scenario import load_scenario
+from tests.importers import importer
+from tests.swap.compatibility import IMPORTERS, ROOT, TOLERANCE, difference, outcome
+from tests.swap.libraries import complaints
 
 SCHEMAS = Path(fmpy.__file__).parent / "schema" / "fmi3"
-HEADERS = Path(fmpy.__file__).parent / "c-code"
 
 
 def export(*arguments: object) -> str:
@@ -96,7 +104,7 @@ def test_it_brings_documentation_icon_and_licence(exported, fmi):
         assert b"BSD" in archive.read("documentation/licenses/license.txt")
         icon = archive.read("model.png" if fmi == 2 else "terminalsAndIcons/icon.png")
     assert icon.startswith(b"\x89PNG")
-    for expected in ("crazyflie", "vertical_velocity", "loe_estimate", "<table>", "Avram"):
+    for expected in ("crazyflie", "vertical_velocity", "loe_estimate", "<table>", "Avram", "v<sub>z</sub>"):
         assert expected in page
     assert not re.search(r'href="(?!https?:|#)', page), "links within our source tree lead nowhere in an FMU"
 
@@ -128,6 +136,10 @@ def test_the_sources_are_all_that_a_compiler_needs(exported, fmi, tmp_path):
     assert sorted(listed) == sorted(
         str(path.relative_to(sources)) for path in sources.rglob("*") if path.suffix in (".c", ".cpp")
     )
+    if fmi == 3:  # one set of files for one compiler, which takes the C files as C++ then
+        link = ["-x", "c++", "-std=c++17", "-w", "-fPIC", "-shared", "-Wl,--no-undefined", "-I.", "-o", "fdie.so"]
+        subprocess.run(["c++", *link, *listed, "-lm"], cwd=sources, check=True)
+        return
     for file in listed:
         compiler = ["cc", "-std=c99"] if file.endswith(".c") else ["c++", "-std=c++17"]
         subprocess.run([*compiler, "-fsyntax-only", "-w", "-I.", file], cwd=sources, check=True)
@@ -154,14 +166,50 @@ def test_the_same_export_gives_the_same_bytes(exported, tmp_path, monkeypatch):
 def test_a_compiled_library_tells_no_path_and_exports_fmi_only(exported, fmi, tmp_path):
     with zipfile.ZipFile(exported / f"fdie{fmi}.fmu") as archive:
         [name] = [name for name in archive.namelist() if name.startswith("binaries/")]
-        archive.extract(name, tmp_path)
-        assert not re.search(rb"/(home|root|tmp|work|usr|Users|build)/", archive.read(name))
-    symbols = subprocess.run(
-        ["nm", "-D", "--defined-only", tmp_path / name], capture_output=True, text=True, check=True
-    ).stdout
-    exported_names = {line.split()[-1].split("@")[0] for line in symbols.splitlines()}
-    header = (HEADERS / f"fmi{fmi}Functions.h").read_text()
-    assert exported_names == set(re.findall(rf"FMI{fmi}_Export fmi{fmi}\w+TYPE\s+(fmi{fmi}\w+);", header))
+        assert complaints(Path(archive.extract(name, tmp_path)), fmi, portable=False) == []
+
+
+@pytest.mark.parametrize("fmi", [2, 3])
+def test_fmpy_compiles_the_sources_to_the_same_values(exported, fmi, tmp_path):
+    """FMPy takes the first set of source files only, and definitions but no options."""
+    whole, compiled = exported / f"fdie{fmi}.fmu", tmp_path / "fdie.fmu"
+    with zipfile.ZipFile(whole) as archive, zipfile.ZipFile(compiled, "w") as stripped:
+        for name in archive.namelist():
+            if not name.startswith("binaries/"):
+                stripped.writestr(name, archive.read(name))
+    subprocess.run(
+        [sys.executable, "-m", "fmpy", "compile", compiled], check=True, capture_output=True, env=with_own_tools()
+    )
+    assert outcome("FMPy", compiled).values == pytest.approx(outcome("FMPy", whole).values, abs=0, nan_ok=True)
+
+
+def with_own_tools() -> dict[str, str]:
+    """The environment with the commands of this Python's packages, CMake and ninja."""
+    return os.environ | {
+        "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}",
+        "CMAKE_GENERATOR": "Ninja",
+    }
+
+
+@pytest.mark.parametrize("name", ["Ecos", "libcosim"])
+def test_other_importers_find_the_values_of_fmpy(name):
+    """Two cells of `make compatibility`."""
+    importer(IMPORTERS[name].distribution)
+    expected, found = (outcome(tool, fmu_path("fdie", 2)).values for tool in ("FMPy", name))
+    assert found is not None
+    assert difference(found, expected) <= TOLERANCE
+
+
+def test_a_wheel_leaves_out_only_what_is_compiled_into_it():
+    """Exports read C++, templates and documentation from the installed package."""
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["scikit-build"]["wheel"]
+    packages = [ROOT / folder for folder in settings["packages"].values()]
+    left_out = {path for package in packages for pattern in settings["exclude"] for path in package.glob(pattern)}
+    assert {str(path.relative_to(ROOT)) for path in left_out} == {
+        "fmus/CMakeLists.txt",
+        "orchestrator/stepper.c",
+        "orchestrator/report.png",
+    }
 
 
 @pytest.mark.parametrize(
@@ -170,7 +218,11 @@ def test_a_compiled_library_tells_no_path_and_exports_fmi_only(exported, fmi, tm
         (["fdi"], "'fdi' must be one of"),
         (["fdie", "--vehicle", "lab"], "did you mean `lab_x`?"),
         (["fdie", "--platforms", "win32"], "--platforms: 'win32' must be one of linux64, win64, darwin64"),
-        (["fdie", "--fmi", "2", "--platforms", "aarch64-linux"], "--platforms: FMI 2 has no name for aarch64-linux"),
+        (["fdie", "--out", "."], ". cannot be written: it is a folder; choose another path with --out"),
+        (
+            ["fdie", "--fmi", "2", "--platforms", "linux64, aarch64-linux"],
+            "--platforms: FMI 2 has no name for aarch64-linux",
+        ),
     ],
 )
 def test_mistakes_are_refused_in_one_sentence(arguments, message, tmp_path, monkeypatch):
@@ -179,3 +231,18 @@ def test_mistakes_are_refused_in_one_sentence(arguments, message, tmp_path, monk
     assert result.exit_code == 2
     assert message in result.output
     assert not list(tmp_path.iterdir())
+
+
+def test_without_ziglang_other_platforms_are_refused_and_this_one_is_compiled(tmp_path, monkeypatch):
+    def version(package: str) -> str:
+        raise PackageNotFoundError(package)
+
+    monkeypatch.setattr(fmu_compiler, "version", version)
+    monkeypatch.chdir(tmp_path)
+    other = "win64" if chosen_platforms(None, 2)[0].name != "win64" else "linux64"
+    result = CliRunner().invoke(main, ["export", "fmu", "null", "--vehicle", "crazyflie", "--platforms", other])
+    assert result.exit_code == 2
+    assert f"there is no compiler for {other}: pip install 'rotordx[platforms]'" in result.output
+    assert not list(tmp_path.iterdir())
+    export("fmu", "null", "--vehicle", "crazyflie")
+    assert validate_fmu("null.fmu") == []

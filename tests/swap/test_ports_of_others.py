@@ -69,6 +69,11 @@ def test_names_units_signs_and_elements_are_mapped(echo, isolate):
     assert units == {"angle_seen": "rad", "height_seen": "m", "warm": "K", "position_seen": "1", "rate_seen": "1"}
 
 
+def test_scale_and_offset_act_on_si_values(echo):
+    ports = PORTS | {"heat": {"variables": "warm", "scale": 2.0, "offset": 1.0}}
+    assert set(fly(with_echo(echo, ports, isolate=False)).signals["echo.heat"][1:]) == {2 * 293.15 + 1}
+
+
 def changed(**ports: object) -> dict[str, object]:
     return PORTS | ports
 
