@@ -60,7 +60,7 @@ def scenario_document(path: Path) -> dict[str, Any]:
         connections += own_connections
         values[fmu.name] = _parameters(archive, fmu, given)
         components[fmu.name] = _installed(fmu) | {"parameters": values[fmu.name], "ports": ports}
-    document: dict[str, Any] = {"system": "replay", "duration_s": _stop_time(archive, root), "connections": connections}
+    document: dict[str, Any] = {"system": "replay", "connections": connections} | _duration(archive, root)
     document |= _whole(archive, values, _step(archive, root)) | _vehicle(top)
     document["diagnosers"] = [fmu.name for fmu in fmus if "fault_detected" in fmu.variables]
     return document | {"components": components}
@@ -191,12 +191,10 @@ def _fault(archive: SspArchive, columns: Mapping[str, list[float]], slot: int) -
     return fault
 
 
-def _stop_time(archive: SspArchive, root: ET.Element) -> float:
-    experiment = root.find("ssd:DefaultExperiment", NAMESPACES)
-    stop = _number(archive, experiment, "stopTime")
-    if stop is None or not math.isfinite(stop):
-        raise archive.error("its DefaultExperiment states no stopTime, add --set duration_s=60")
-    return stop
+def _duration(archive: SspArchive, root: ET.Element) -> dict[str, float]:
+    """How long to fly; without a stop time that is for the user to say."""
+    stop = _number(archive, root.find("ssd:DefaultExperiment", NAMESPACES), "stopTime")
+    return {} if stop is None or not math.isfinite(stop) else {"duration_s": stop}
 
 
 def _step(archive: SspArchive, root: ET.Element) -> float | None:

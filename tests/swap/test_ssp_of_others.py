@@ -341,7 +341,7 @@ def test_an_fmu_that_cannot_be_used_is_named_as_the_archive_names_it(tmp_path, f
         ("<ssd:SystemStr", BOMB + "<ssd:SystemStr", "'SystemStructure.ssd' cannot be read: it has a DOCTYPE"),
         ("<ssd:SystemStr", EXTERNAL + "<ssd:SystemStr", "'SystemStructure.ssd' cannot be read: it has a DOCTYPE"),
         ('version="1.0" name="other"', 'version="2.0" name="other"', "is SystemStructureDescription of version 2.0"),
-        ('stopTime="0.01"', "", "its DefaultExperiment states no stopTime, add --set duration_s=60"),
+        ('stopTime="0.01"', "", "other.ssp: duration_s is missing"),
         ('stopTime="0.01"', 'stopTime="soon"', "stopTime is 'soon', but must be a number"),
         ("</ssd:System>", "", "'SystemStructure.ssd' cannot be read: mismatched tag"),
         ('<?xml version="1.0"?>', '<?xml version="1.0" encoding="none"?>', "'SystemStructure.ssd' cannot be read: "),
@@ -353,6 +353,11 @@ def test_a_hostile_or_damaged_document_is_refused_in_one_sentence(tmp_path, fmus
         load_scenario(path)
     assert message in str(error.value)
     assert "\n" not in str(error.value)
+
+
+def test_without_a_stop_time_the_user_says_how_long(tmp_path, fmus):
+    path = changed(written(tmp_path, PLAIN, fmus["ten"], fmus["gain"]), 'stopTime="0.01"', "")
+    assert load_scenario(path, ["duration_s=0.02"]).duration_s == 0.02
 
 
 def test_a_huge_document_is_not_read(tmp_path, fmus, monkeypatch):
