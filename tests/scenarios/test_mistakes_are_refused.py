@@ -39,7 +39,7 @@ DOCUMENTS = {
     "parameters.mass = nan": "parameters.mass: nan is no finite number, list of finite numbers or name of an enumeration's value",
     "parameters.inertia = [1, inf, 1]": "parameters.inertia: [1, inf, 1] is no finite number, list of finite numbers or name of an enumeration's value",
     "components.plant.fmi = 1": "components.plant.fmi is 1 but must be 2 or 3, the FMI version of a packaged FMU",
-    "components.plant.parameter.mass = 1": "components.plant.parameter is not a known field, it must be one of fmu, fmi, parameters, ports, actual_vehicle, isolate, timeout_s, substeps (did you mean parameters?)",
+    "components.plant.parameter.mass = 1": "components.plant.parameter is not a known field, it must be one of fmu, fmi, parameters, ports, actual_vehicle, isolate, timeout_s, memory_mib, substeps (did you mean parameters?)",
     "connections = [{from = 'a.b'}]": 'connections[0].to is missing, it must be an input, "component.port"',
     fault(without="rotor"): "faults[0].rotor is missing, it must be a rotor, 1 to 4",
     fault("rotor = 5"): "faults[0].rotor is 5 but must be a rotor, 1 to 4",
