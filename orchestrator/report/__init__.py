@@ -19,6 +19,8 @@ from rotordx.orchestrator.report.columns import Columns
 from rotordx.orchestrator.report.events import events
 from rotordx.orchestrator.report.verdict import delay_phrase, isolation_phrase, percent, verdict
 
+_UNBROKEN = re.compile(r"(\d) (ms|s|%)(?!\w)")  # a number and its unit stay on one line
+
 
 def html(recording: Recording, summary: dict[str, Any]) -> str:
     """The page, complete in itself: it works without a network and asks for nothing.
@@ -100,10 +102,8 @@ def _verdicts(recording: Recording, summary: dict[str, Any]) -> str:
     for diagnoser in summary["diagnosers"]:
         found = verdict(recording, summary, diagnoser)
         who = ", ".join(filter(None, (diagnoser, isolation_phrase(recording, diagnoser))))
-        rows.append(
-            f'<li class="{found.state}"><span class="who">{escape(who)}</span> '
-            f"<span>{escape(found.sentence)}</span></li>"
-        )
+        sentence = _UNBROKEN.sub(r"\1&nbsp;\2", escape(found.sentence))
+        rows.append(f'<li class="{found.state}"><span class="who">{escape(who)}</span> <span>{sentence}</span></li>')
     return "\n".join(rows) or '<li class="open"><span>No diagnoser was run.</span></li>'
 
 

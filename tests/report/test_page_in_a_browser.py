@@ -113,9 +113,8 @@ def test_every_figure_is_drawn(show, name):
 @pytest.mark.usefixtures("silent")
 def test_what_is_asked_for_first_can_be_read_and_looked_at_closely(show):
     page = show(circle_flight())
-    assert "Rotor 1 lost 20 % of its thrust at 24.00 s: detected" in page.run(
-        "document.querySelector('header').innerText"
-    )
+    header = page.run("document.querySelector('header').innerText")
+    assert "Rotor 1 lost 20\xa0% of its thrust at 24.00\xa0s: detected" in header, "no line ends before a unit"
     rows = page.run("[...document.querySelectorAll('tbody th')].map((cell) => cell.innerText)")
     assert rows == list(metrics.MEANING)
     times = np.array(page.run("[...document.querySelector('#fdie-isolation .plot').data[0].x]"))
