@@ -21,7 +21,7 @@ from rotordx.orchestrator.errors import RunError, UserError
 from rotordx.orchestrator.export.fmu_sources import compiled
 
 #: those of the build (CMakeLists.txt), so that the same additions are made in the same order
-DEFINITIONS = ("NDEBUG", "EIGEN_NO_MALLOC", "CASADI_SYMBOL_EXPORT=")
+DEFINITIONS = ("NDEBUG=1", "EIGEN_NO_MALLOC=1", "CASADI_SYMBOL_EXPORT=")
 OPTIONS = (
     *("-O2", "-g0", "-w", "-ffp-contract=off", "-fvisibility=hidden", "-ffunction-sections", "-fdata-sections"),
     *(f"-D{definition}" for definition in DEFINITIONS),

@@ -145,7 +145,7 @@ def test_another_platform_computes_the_same(name, target, fmi, exported, package
 @pytest.mark.parametrize(("c", "cpp"), [("gcc", "g++"), ("clang", "clang++")])
 @pytest.mark.parametrize("name", FMUS)
 def test_the_sources_compute_the_same_whoever_compiles_them(
-    name, c, cpp, exported, packaged, flown, tmp_path, monkeypatch
+    name, c, cpp, exported, packaged, flown, tmp_path, monkeypatch, capfd
 ):
     """By FMPy, as the build description says."""
     if shutil.which(cpp) is None:
@@ -161,6 +161,7 @@ def test_the_sources_compute_the_same_whoever_compiles_them(
     build_platform_binary(fmu, tmp_path / "build")
     there = outputs(fmu, binary(fmu, 3, "linux64"), "linux64", flown[name], tmp_path / "there")
     np.testing.assert_array_equal(there, here)
+    capfd.readouterr()  # of interest only if the test fails
 
 
 @pytest.mark.parametrize("fmi", [2, 3])
