@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
 from rotordx.orchestrator.commands import run_command
-
-if TYPE_CHECKING:
-    from rotordx.orchestrator.scenario import Scenario
 
 _BUS = click.option(
     "--bus",
@@ -95,8 +92,9 @@ def hil_command(
     from rotordx.hil_bridge.timing import sentences
     from rotordx.orchestrator import metrics, results, terminal
     from rotordx.orchestrator.errors import RunError
+    from rotordx.orchestrator.scenario import load_scenario
 
-    flown = _scenario(scenario, overrides, diagnosers=list(diagnosers) or None, vehicle=vehicle, seed=seed)
+    flown = load_scenario(scenario, overrides, diagnosers=list(diagnosers) or None, vehicle=vehicle, seed=seed)
     settings = BridgeSettings(
         BusAddress.of(bus),
         lockstep=lockstep,
@@ -156,8 +154,9 @@ def esc_command(
     from rotordx.hil_bridge.buses import BusAddress
     from rotordx.hil_bridge.emulator import EscSettings, emulated
     from rotordx.hil_bridge.protocol import Nodes
+    from rotordx.orchestrator.scenario import load_scenario
 
-    flown = _scenario(scenario or "hover", overrides, vehicle=vehicle)
+    flown = load_scenario(scenario or "hover", overrides, vehicle=vehicle)
     settings = EscSettings(Nodes(controller_node, first_esc_node, nodes), stale_after, status_rate)
     address = BusAddress.of(bus)
     with emulated(address, flown, settings) as emulator:
@@ -167,9 +166,3 @@ def esc_command(
             emulator.run()
         except KeyboardInterrupt:
             click.echo("stopped", err=True)
-
-
-def _scenario(name: str, overrides: tuple[str, ...], **changes: Any) -> Scenario:
-    from rotordx.orchestrator.scenario import load_scenario
-
-    return load_scenario(name, overrides, **{key: value for key, value in changes.items() if value is not None})

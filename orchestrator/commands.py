@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import click
 
@@ -54,8 +53,7 @@ def run_command(
     from rotordx.orchestrator.flight import fly
     from rotordx.orchestrator.scenario import load_scenario
 
-    changes: dict[str, Any] = {"diagnosers": list(diagnosers) or None, "vehicle": vehicle, "seed": seed}
-    flown = load_scenario(scenario, overrides, **{key: value for key, value in changes.items() if value is not None})
+    flown = load_scenario(scenario, overrides, diagnosers=list(diagnosers) or None, vehicle=vehicle, seed=seed)
     folder = out or Path("results") / flown.name
     results.check_folder(folder)
     with terminal.progress(f"{flown.name} on {flown.vehicle}", flown.duration_s) as progress:

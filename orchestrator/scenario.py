@@ -157,7 +157,8 @@ def load_scenario(name_or_path: str | Path, overrides: Iterable[str] = (), **cha
     Args:
         name_or_path: name of a packaged scenario, or path of a TOML file or an SSP archive.
         overrides: as given to --set, for example "faults[0].rotor=3".
-        changes: new values of whole fields as plain data, for example seed=3; applied before the overrides.
+        changes: new values of whole fields as plain data, for example seed=3; applied before the overrides. None
+            leaves a field as it is.
 
     Raises:
         UserError: there is no such scenario, or it is not valid, as it is or changed; one sentence a line.
@@ -171,7 +172,7 @@ def load_scenario(name_or_path: str | Path, overrides: Iterable[str] = (), **cha
         path = locate(str(name_or_path), "scenarios")
         content = read(path)
     name = re.sub(r"[^\w.-]", "_", path.stem).lstrip(".-")
-    document = {"name": name} | content | changes
+    document = {"name": name} | content | {field: value for field, value in changes.items() if value is not None}
     for assignment in overrides:
         override(document, assignment)
     return validated(Scenario, document, str(name_or_path))

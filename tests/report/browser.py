@@ -17,6 +17,7 @@ from typing import Any
 import websocket
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+NO_CHROMIUM = "no Chromium found: install Debian's package chromium to test pages in a browser"
 TIMEOUT = 60.0  # s for whatever the browser is asked for
 FLAGS = [
     "--headless=new",

@@ -9,7 +9,7 @@ from click.testing import CliRunner
 
 from rotordx.orchestrator.cli import main
 from rotordx.orchestrator.reproduction import Claim, Reproduction, curves, page, papers, reproduce
-from tests.report.browser import CHROMIUM, browser, new_page
+from tests.report.browser import CHROMIUM, NO_CHROMIUM, browser, new_page
 
 HOSTILE = "a < b & </script><script>alert(1)</script>"
 
@@ -37,7 +37,7 @@ def test_every_claim_is_written_and_has_the_papers_words_beside_ours(result):
             assert claim["remark"], f"{claim['quantity']} does not hold: why?"
 
 
-@pytest.mark.skipif(CHROMIUM is None, reason="no Chromium")
+@pytest.mark.skipif(CHROMIUM is None, reason=NO_CHROMIUM)
 def test_the_page_draws_all_figures_and_asks_for_nothing(result):
     _, _, folder = result
     page_file = folder / "reproduction.html"

@@ -28,23 +28,24 @@ def block(language: str, beginning: str) -> str:
     return found
 
 
-def test_a_controller_made_with_pythonfmu3_flies(tmp_path):
+def made_with_pythonfmu3(name, folder):
+    """Puts an example's FMU and its scenario into a folder."""
     importer("pythonfmu3")
-    (tmp_path / "hover.py").write_text(block("python", "# hover.py"))
-    (tmp_path / "hover.toml").write_text(block("toml", "# hover.toml"))
-    build = [sys.executable, "-m", "pythonfmu3", "build", "-f", "hover.py"]
-    subprocess.run(build, cwd=tmp_path, check=True, capture_output=True)
+    (folder / f"{name}.py").write_text(block("python", f"# {name}.py"))
+    (folder / f"{name}.toml").write_text(block("toml", f"# {name}.toml"))
+    build = [sys.executable, "-m", "pythonfmu3", "build", "-f", f"{name}.py"]
+    subprocess.run(build, cwd=folder, check=True, capture_output=True)
+
+
+def test_a_controller_made_with_pythonfmu3_flies(tmp_path):
+    made_with_pythonfmu3("hover", tmp_path)
     flown = fly(load_scenario(tmp_path / "hover.toml")).signals
     assert flown["controller.rotor_speed_command"].shape == (4001, 4)
     np.testing.assert_allclose(flown["plant.position"][-1], [0.0, 0.0, -2.5], atol=0.02)
 
 
 def test_a_diagnoser_made_with_pythonfmu3_is_scored_beside_ours(tmp_path):
-    importer("pythonfmu3")
-    (tmp_path / "imbalance.py").write_text(block("python", "# imbalance.py"))
-    (tmp_path / "imbalance.toml").write_text(block("toml", "# imbalance.toml"))
-    build = [sys.executable, "-m", "pythonfmu3", "build", "-f", "imbalance.py"]
-    subprocess.run(build, cwd=tmp_path, check=True, capture_output=True)
+    made_with_pythonfmu3("imbalance", tmp_path)
     run = [Path(sys.executable).with_name("rotordx"), "run", "imbalance.toml"]
     shown = subprocess.run(run, cwd=tmp_path, check=True, capture_output=True, text=True).stdout
     recording, summary = results.read(tmp_path / "results" / "imbalance")

@@ -56,6 +56,6 @@ def _ended(command: list[str], folder: Path) -> Iterator[subprocess.Popen[str]]:
 def theirs(bus) -> str:
     """The bus as pydronecan names it."""
     interface, _, channel = bus.partition(":")
-    if interface != "mcast":  # its driver for SocketCAN needs flush_tx_buffer, which python-can's has not
-        pytest.skip(f"pydronecan's driver for {interface}: calls a function that python-can no longer has")
+    if interface != "mcast":
+        pytest.skip(f"pydronecan cannot send on {interface}: it calls flush_tx_buffer, which python-can does not have")
     return f"mcast:{channel}"
